@@ -88,7 +88,9 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
     def written(match: re.Match[str]) -> str:
         code, block, inline = match.groups()
-        return code or convert(block or inline, display="block" if block else "inline")
+        if block:  # which narrow screens scroll, by keys as well
+            return convert(block, display="block").replace("<math", '<math tabindex="0"', 1)
+        return code or convert(inline)
 
     return FORMULA.sub(written, re.sub(r"\]\(((?:tutorials|gallery)/\w+)\.py\)", r"](\1.md)", markdown))
 

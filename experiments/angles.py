@@ -9,8 +9,7 @@ from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.outcomes import Angles
-    from experiments.studies.marker_angles import Scale
+    from experiments.studies.marker_angles import Angles
 
 
 def run(args: argparse.Namespace) -> None:
@@ -18,31 +17,20 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import angles_report
-    from experiments.studies.marker_angles import angles
+    from experiments.studies.marker_angles import Scale, angles
 
-    _check(args)
-    fix, scale = options.fixed(args.fix), _scale(args)
-    given = {"places": args.places, "base": args.base, "fix": fix, "wrenches": args.wrenches, "scale": scale}
+    for option in ("symmetric", "scale_from", "mass"):
+        if getattr(args, option) and not args.scale:
+            raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
+    scale = Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None
+    given = {"places": args.places, "base": args.base, "wrenches": args.wrenches}
+    given |= {"fix": options.fixed(args.fix), "scale": scale}
     result = angles(args.model, args.markers, **given)
     document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
     out = options.output_of(args)
     then = f"With forces of plates on the same clock, then:\n{_identify(args, result)}"
     write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
-
-
-def _check(args: argparse.Namespace) -> None:
-    """Checks that options about lengths do not contradict each other."""
-    for option in ("symmetric", "scale_from", "mass"):
-        if getattr(args, option) and not args.scale:
-            raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
-
-
-def _scale(args: argparse.Namespace) -> "Scale | None":
-    """Scaling of the model's segments that the options ask for; None for none."""
-    from experiments.studies.marker_angles import Scale
-
-    return Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None
 
 
 def _identify(args: argparse.Namespace, result: "Angles") -> str:

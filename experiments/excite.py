@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     if args.floor is not None and args.collisions == "ignore":
         raise InputError("--floor belongs to --collisions avoid; leave one of them out.")
     design = designed(problem_of(args.model, **kinds), args.model, **search)
-    source = {"series": design.series, "base_parameters": list(design.names)}
+    source = {"series": design.series, "base_parameters": list(design.problem.parameters.names)}
     document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
     write(document, options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data import simulated_study
-from experiments.data.fitting import TrajectoryTrial
+from experiments.data.fitting import Trial
 from experiments.document import figures
 from experiments.document.document import Plot
 
@@ -46,7 +46,7 @@ def leave_undrawn(patched):
 def truth(mechanism, recording, base, **_):
     """The true base parameters, as an estimate."""
     psi = base.regroup(mechanism.known)
-    return TrajectoryTrial(psi, np.ones_like(psi), psi)
+    return Trial(base, psi, np.ones_like(psi), psi)
 
 
 def use_truth(patched):

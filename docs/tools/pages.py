@@ -117,7 +117,7 @@ def write_validation(root: Path, numbers: dict[str, Any]) -> None:
     shown = validation_blocks.shown_study(numbers)
     _replace_blocks(root / "docs" / "validation.md", validation_blocks.page_blocks(shown))
     for name in ("README.md", "paper.md"):
-        _replace_blocks(root / name, {"validation": validation_blocks.sentence(shown)})
+        _replace_blocks(root / name, validation_blocks.summary_blocks(shown))
     with result_folder.results_folder(root / "docs") as folder:
         (folder / "validation_known.svg").write_text(standalone([known_picture(shown)], 520, 260), encoding="utf-8")
         for name, figure in validation_blocks.page_figures(shown).items():

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from experiments.data.validation import WORSE, Study, inside
 from experiments.document import symbols
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_report import STEEL, overview_lines, truth_lines, worse_lines
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.validation_study import study_of
@@ -96,13 +96,12 @@ def _verdicts(study: Study) -> str:
     return f"<details><summary>Verdicts in words</summary>\n<ul>\n{items}</ul>\n</details>\n"
 
 
-def sentence(study: Study) -> str:
-    """Sentence with the main numbers, for README.md and paper.md."""
+def summary_blocks(study: Study) -> dict[str, str]:
+    """Contents of the blocks of README.md and paper.md, by name: known parameters, and the main other numbers."""
     ratio, held = study.against_best, {kind: f"{100 * inside(z):.0f} %" for kind, z in study.trial_z.items()}
     best, worse = int((ratio <= 1).sum()), int((ratio > WORSE).sum())
     systems = len({each.entry.folder for each in study})
     text = (
-        f"{truth_lines(study)[0]} "
         f"On {len(study.validations)} public recordings of {systems} systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
@@ -110,7 +109,7 @@ def sentence(study: Study) -> str:
         "inside their 95 % intervals: friction changes from trial to trial. Where the verdict is 'unusable', "
         f"{held['unusable']} are."
     )
-    return f"{fill(text, WIDTH)}\n"
+    return {name: f"{fill(each, WIDTH)}\n" for name, each in (("known", truth_lines(study)[0]), ("validation", text))}
 
 
 def shown_study(numbers: dict[str, Any]) -> Study:
@@ -121,7 +120,6 @@ def shown_study(numbers: dict[str, Any]) -> Study:
 def page_figures(study: Study) -> dict[str, Figure]:
     """Figures of docs, by file name without suffix."""
     return {
-        "validation_truth": truth_figure(study),
         "validation": summary_figure(study),
         "validation_held_out": held_out_figure(study),
         "validation_published": published_figure(study),

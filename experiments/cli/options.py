@@ -317,12 +317,10 @@ def whole_number(minimum: int, maximum: int | None = None, *, also: int | None =
     needed = needed if also is None else f"{needed}, or {also}"
 
     def number(text: str) -> int:
-        try:
+        with suppress(ValueError):
             value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'") from None
-        if value != also and not minimum <= value <= (value if maximum is None else maximum):
-            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'")
-        return value
+            if value == also or minimum <= value <= (value if maximum is None else maximum):
+                return value
+        raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'")
 
     return number

@@ -86,35 +86,6 @@ class Distribution(Errors):
         return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
 
 
-@dataclass(frozen=True, eq=False)
-class Following:
-    """Errors of simulated coordinates, by joint.
-
-    Attributes:
-        joints: Names of the joints.
-        units: Their units, `rad` or `m`.
-        before: RMS error of the model as it came (n,); NaN if its simulation diverged.
-        after: RMS error of the updated model (n,).
-        seconds: Simulated time, s.
-    """
-
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    before: np.ndarray
-    after: np.ndarray
-    seconds: float
-
-    @property
-    def ratio(self) -> np.ndarray:
-        """Error of the updated model over that of the model as it came (n,)."""
-        return self.after / np.maximum(self.before, 1e-300)
-
-    @property
-    def better(self) -> int:
-        """Number of joints that the updated model follows better."""
-        return int((self.after < np.where(np.isnan(self.before), np.inf, self.before)).sum())
-
-
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
     "weighted": "the same, weighted by the covariance of the wrenches' noise",
@@ -125,44 +96,16 @@ ESTIMATORS = {
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A model's base parameters: estimated, true by the same regrouping, and the predicted wrench.
+    """A model's base parameters by one estimator, and the true ones by the same regrouping.
 
     Attributes:
-        estimate: The estimate.
-        psi_true: True base parameters (r,).
-        predicted: Total wrench that the estimate predicts at the measured joint states (N, 6).
-    """
-
-    estimate: Fit
-    psi_true: np.ndarray
-    predicted: np.ndarray
-
-    @property
-    def base(self) -> BaseParameters:
-        """The regrouping."""
-        return self.estimate.parameters
-
-    @property
-    def error(self) -> np.ndarray:
-        """Estimated minus true base parameters."""
-        return self.estimate.psi - self.psi_true
-
-    @property
-    def std(self) -> np.ndarray:
-        """Standard deviations due to noise on the wrenches (r,)."""
-        return self.estimate.std
-
-
-@dataclass(frozen=True, eq=False)
-class TrajectoryTrial:
-    """A model's base parameters by the trajectory estimate, and the true ones by the same regrouping.
-
-    Attributes:
-        psi: Base parameters, NaN where angles and wrenches do not determine them (r,).
+        base: The regrouping.
+        psi: Base parameters, NaN where the recording does not determine them (r,).
         std: Their standard deviations (r,).
         psi_true: True base parameters (r,).
     """
 
+    base: BaseParameters
     psi: np.ndarray
     std: np.ndarray
     psi_true: np.ndarray
@@ -183,6 +126,19 @@ class TrajectoryTrial:
         return float(np.sqrt(np.mean((self.error / self.std) ** 2))) if np.isfinite(self.psi).all() else None
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted(Trial):
+    """A trial by least squares; standard deviations are due to noise on the wrenches.
+
+    Attributes:
+        estimate: The fit.
+        predicted: Total wrench that it predicts at the measured joint states (N, 6).
+    """
+
+    estimate: Fit
+    predicted: np.ndarray
+
+
 def fit(
     mechanism: Mechanism,
     recording: Recording,
@@ -190,7 +146,7 @@ def fit(
     wrench: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
     kept: Sequence[str] | None = None,
-) -> Trial:
+) -> Fitted:
     """Base parameters of one model from measured joint states and wrenches.
 
     Args:
@@ -210,13 +166,13 @@ def fit(
     samples = Samples(motion, measured, covariance)
     base = structural_base_parameters(mechanism, kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(joints)
-    estimate = least_squares(Equations(mechanism, base), samples, state_noise=noise)
-    return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
+    made = huber_white(least_squares(Equations(mechanism, base), samples, state_noise=noise), samples)
+    return Fitted(base, made.psi, made.std, base.regroup(mechanism.known), made, made.predicted(motion))
 
 
 def trajectory_fit(
     mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
-) -> TrajectoryTrial:
+) -> Trial:
     """Base parameters of one model by the trajectory estimate, from joint angles and wrenches alone.
 
     φ has no prior, and the set-up is as stated.
@@ -238,7 +194,7 @@ def trajectory_fit(
     estimate = identified(log, offsets=False, holdout=0, setup=setup, known=False)
     if estimate.trajectory is not None and estimate.trajectory.fit.status == "interrupted":
         raise KeyboardInterrupt
-    return TrajectoryTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
+    return Trial(base, estimate.psi, estimate.std, base.regroup(mechanism.known))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

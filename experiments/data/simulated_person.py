@@ -18,6 +18,7 @@ from ident.tolerances import INTERVAL
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.piece_equations import normal_equations
 from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.result import TrajectoryEstimate
 
 CAREFUL = {
     "origin": 0.001,
@@ -107,15 +108,15 @@ class PersonStudy:
         """The person with the prior."""
         return self.estimate.prepared.mechanism
 
+    @property
+    def _trajectory(self) -> TrajectoryEstimate:
+        assert self.estimate.trajectory is not None
+        return self.estimate.trajectory
+
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """As `distances_by`, including the uncertainty of the set-up."""
         return self.distances_by(self.estimate.covariance_setup)
-
-    @cached_property
-    def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, from noise alone, with the estimated set-up."""
-        return self.distances_by(self.estimate.covariance)
 
     def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Precision and errors along independently estimated combinations of base parameters, the best known first.
@@ -154,9 +155,11 @@ class PersonStudy:
         return {name: np.sqrt((x**2).mean(axis=0)) / scales for name, x in off.items()}
 
     @cached_property
-    def segments(self) -> tuple[np.ndarray, np.ndarray]:
-        """φ of all segments and standard deviations, from prior and estimate (b, 10) each."""
-        return self._conditioned([self.seconds] * len(self.activities))
+    def segments(self) -> dict[str, np.ndarray]:
+        """φ of all segments: `true`, `prior` and `estimate`, and standard deviations `std` (b, 10) each."""
+        estimate, std = self.after([self.seconds] * len(self.activities))
+        true, prior = (arm.known.reshape(-1, 10) for arm in (self.true, self.mechanism))
+        return {"true": true, "prior": prior, "estimate": estimate, "std": std}
 
     @property
     def coverage(self) -> float:
@@ -166,17 +169,12 @@ class PersonStudy:
     @property
     def noise_of_angles(self) -> float:
         """Median of the estimated standard deviations of the hinges' angles, degrees."""
-        joint = self.estimate.trajectory
-        assert joint is not None
+        joint = self._trajectory
         hinges = np.concatenate(
             [np.zeros(joint.measurement.of_base, bool)]
             + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
         )
         return float(np.degrees(np.median(joint.fit.coordinate_noise[hinges])))
-
-    def information(self, seconds: Sequence[float]) -> np.ndarray:
-        """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
-        return self._conditioned(seconds)[1]
 
     def predicted_deviation(self, seconds: Sequence[float]) -> float:
         """Standard deviation of the wrench predicted for other motions, after the first seconds of each recording.
@@ -194,8 +192,11 @@ class PersonStudy:
         Y = self.held_out.swapaxes(0, 1)
         return Y.swapaxes(1, 2) @ Y
 
-    def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each."""
+    def after(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each.
+
+        The noise is that of all of them.
+        """
         estimate = self.estimate
         phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
         return phi.reshape(-1, 10), std.reshape(-1, 10)
@@ -207,8 +208,7 @@ class PersonStudy:
             seconds: Length of each.
             setup: True to include the uncertainty of the set-up.
         """
-        joint, rank = self.estimate.trajectory, self.estimate.base.rank
-        assert joint is not None
+        joint, rank = self._trajectory, self.estimate.base.rank
         fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
         precision = fit.prior.precision.copy()
         for k, length in enumerate(np.array(seconds)[own].tolist()):
@@ -218,9 +218,7 @@ class PersonStudy:
 
     def _share(self, k: int, seconds: float) -> np.ndarray:
         """Information on θ in the first seconds of a piece (p, p)."""
-        joint = self.estimate.trajectory
-        assert joint is not None
-        fit = joint.fit
+        joint, fit = self._trajectory, self._trajectory.fit
         if seconds >= self.seconds:
             return fit.shares[k][0]
         if (k, seconds) not in self._begun:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import TrajectoryTrial, Trial, fit, measured_poses, trajectory_fit
+from experiments.data.fitting import Fitted, Trial, fit, measured_poses, trajectory_fit
 from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
@@ -84,8 +84,8 @@ class SimulatedStudy:
     problem: StudyProblem
     recording: Recording
     significance: float = PARALLEL_SIGNIFICANCE
-    _made: dict[tuple[str, str], Trial] = field(default_factory=dict)
-    _trajectories: dict[str, TrajectoryTrial] = field(default_factory=dict)
+    _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
+    _trajectories: dict[str, Trial] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -97,7 +97,7 @@ class SimulatedStudy:
         """The untilted mechanism, as for `StudyProblem`."""
         return self.problem.known
 
-    def fit(self, model: str, estimator: str | None = None) -> Trial:
+    def fit(self, model: str, estimator: str | None = None) -> Fitted:
         """A model's base parameters by least squares, `ordinary` or `weighted`; by default the model's first estimator.
 
         Raises:
@@ -121,7 +121,7 @@ class SimulatedStudy:
         """Total wrench from the measured wrenches that a model includes, moved to the base along its own axes."""
         return self.problem.total(self.recording, self.file.ignored(model), self.mechanism(model).tree)
 
-    def trajectory(self, model: str) -> TrajectoryTrial:
+    def trajectory(self, model: str) -> Trial:
         """A model's trajectory estimate; NaN if undetermined, as few samples may be with angles alone."""
         if model not in self._trajectories:
             try:
@@ -129,10 +129,10 @@ class SimulatedStudy:
             except (ExcitationError, np.linalg.LinAlgError):
                 base = self.base(model)
                 unknown = np.full(base.rank, np.nan)
-                self._trajectories[model] = TrajectoryTrial(unknown, unknown, base.regroup(self.known.known))
+                self._trajectories[model] = Trial(base, unknown, unknown, base.regroup(self.known.known))
         return self._trajectories[model]
 
-    def determined_trajectory(self, model: str) -> TrajectoryTrial:
+    def determined_trajectory(self, model: str) -> Trial:
         """The same, but raises an error if undetermined.
 
         Raises:
@@ -238,8 +238,8 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
-        if entry["kind"] == "wrench errors":
-            numbers["wrench_errors"] = wrench_errors(study, entry["models"])
+        if entry.kind == "wrench errors":
+            numbers["wrench_errors"] = wrench_errors(study, entry.models)
     numbers |= axes(study) if study.recovers else {}
     numbers |= touches(study) if study.touching else {}
     recording = study.recording

@@ -66,37 +66,19 @@ class SourceFile:
 
 @typed("std")
 @dataclass(frozen=True)
-class Published:
-    """A published parameter.
+class StatedValue:
+    """A parameter that is published, or known as it was weighed or measured by itself.
 
     Attributes:
         name: Name of the base parameter or drive.
         value: Its value, SI units.
-        std: Its published standard deviation; NaN if none is published.
-        source: Origin of the value: formula, file, table.
+        std: Standard deviation of its value; NaN if none is stated.
+        source: Origin of the value: formula, file, table, or what measured it.
     """
 
     name: str
     value: float
     std: float = float("nan")
-    source: str = ""
-
-
-@typed()
-@dataclass(frozen=True)
-class Known:
-    """A parameter that is known: it was weighed or measured by itself.
-
-    Attributes:
-        name: Name of the base parameter or drive.
-        value: Its value, SI units.
-        tolerance: Standard deviation of what measured it.
-        source: What measured it.
-    """
-
-    name: str
-    value: float
-    tolerance: float = 0.0
     source: str = ""
 
 
@@ -166,8 +148,8 @@ class Entry:
     empty: tuple[tuple[str, ...], ...] = ()
     loaded: tuple[tuple[str, ...], ...] = ()
     true_files: tuple[str, ...] = ()
-    truth: tuple[Known, ...] = ()
-    published: tuple[Published, ...] = ()
+    truth: tuple[StatedValue, ...] = ()
+    published: tuple[StatedValue, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
     reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
@@ -193,6 +175,9 @@ class Entry:
 MODEL, LEAST_SQUARES, ESTIMATE = "model", "least squares", "estimate"
 CANDIDATES = {MODEL: "model as it came", LEAST_SQUARES: "least squares", ESTIMATE: "trajectory estimate"}
 """Candidates that predict the held-out part, by the names of their ratios."""
+
+OTHERS = (LEAST_SQUARES, MODEL)
+"""Candidates besides the estimate."""
 
 WORSE = 1.05
 """Ratio of two held-out residuals above which a prediction is worse than another one."""
@@ -231,23 +216,6 @@ class Values:
         """True if the recording says more on a parameter than the prior."""
         k = self.names.index(name)
         return bool(self.std_setup[k] < self.prior[k] / np.sqrt(2))
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A channel in which another candidate predicts better than the estimate.
-
-    Attributes:
-        channel: The channel.
-        own: Held-out residual over signal of the estimate.
-        other: The best other candidate.
-        best: Its residual over signal.
-    """
-
-    channel: str
-    own: float
-    other: str
-    best: float
 
 
 @dataclass(frozen=True)
@@ -319,7 +287,7 @@ class Validation:
     @property
     def best_other(self) -> np.ndarray:
         """Ratio of the better one of the other candidates (C,)."""
-        return np.min([self.ratios[name] for name in (MODEL, LEAST_SQUARES) if name in self.ratios], axis=0)
+        return np.min([self.ratios[name] for name in OTHERS if name in self.ratios], axis=0)
 
     @property
     def explained(self) -> np.ndarray:
@@ -357,14 +325,17 @@ class Validation:
         return np.array([_z(*self.values[a][::2], *self.values[b][::2]) for a, b in pairs])
 
     @property
-    def losses(self) -> list["Loss"]:
-        """Channels in which another candidate predicts better by more than 5 %."""
+    def losses(self) -> list[tuple[str, float, str, float]]:
+        """Channels in which another candidate predicts better by more than 5 %.
+
+        Each with the held-out residual over signal of the estimate, the best other candidate, and its residual.
+        """
         out = []
         for k, channel in enumerate(self.channels):
-            ratios = {name: float(self.ratios[name][k]) for name in (MODEL, LEAST_SQUARES) if name in self.ratios}
-            other, own = min(ratios, key=lambda name: ratios[name]), float(self.ratios[ESTIMATE][k])
-            if self.explained[k] and own > WORSE * ratios[other]:
-                out.append(Loss(channel, own, other, ratios[other]))
+            best, other = min((float(self.ratios[name][k]), name) for name in OTHERS if name in self.ratios)
+            own = float(self.ratios[ESTIMATE][k])
+            if self.explained[k] and own > WORSE * best:
+                out.append((channel, own, other, best))
         return out
 
     @property
@@ -374,7 +345,7 @@ class Validation:
         return {name: x for name, x in z.items() if abs(x) > INTERVAL}
 
     @property
-    def goals(self) -> list["Goal"]:
+    def goals(self) -> list[Goal]:
         """Reference results of the entry, beside what the estimate reaches."""
         reference = self.entry.reference
         if reference is None:
@@ -389,7 +360,7 @@ class Validation:
             out.append(Goal("largest excess over the best other", reference.worse, float(self.against_best.max() - 1)))
         return out
 
-    def published_z(self, published: Published) -> float:
+    def published_z(self, published: StatedValue) -> float:
         """Estimate less published value in their standard deviations."""
         value, _, std = self.values[published.name]
         return _z(value, std, published.value, published.std)

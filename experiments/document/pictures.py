@@ -98,15 +98,15 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
     return _drawn("parameters", shown, [*known], total, [*kinds.values()], *_rows([*bodies]))
 
 
-def coverage(errors: Mapping[str, np.ndarray]) -> str:
-    """A row for each system, with a dot for each known parameter: its error over half of its 95 % interval."""
+def coverage(errors: Mapping[str, np.ndarray], what: str) -> str:
+    """A row for each name, with a dot for each parameter: `what`, an error or difference, over half of its interval."""
     shown = {}
     for name, own in errors.items():
         # From the middle on by the golden ratio, which spreads any number of dots.
         apart = (0.5 + 0.618 * np.arange(len(own))) % 1 - 0.5
         held = f"{(abs(own) <= 1).sum()} of {len(own)}"
         shown[name] = {"held": held, "dots": [*zip(np.clip(own, -BEYOND, BEYOND), apart, strict=True)]}
-    return _drawn("coverage", shown, BEYOND)
+    return _drawn("coverage", shown, BEYOND, what)
 
 
 def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:

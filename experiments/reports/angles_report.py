@@ -8,12 +8,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.data.outcomes import Angles
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from experiments.document.writer import sentences
+from experiments.studies.marker_angles import Angles
 from ident.display.plots import Figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
-from experiments.document import symbols, tabular
-from experiments.document.document import Card, Document, Plot
+from experiments.document import pictures, symbols, tabular
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
@@ -25,6 +25,9 @@ OUTPUTS = (*RESULTS, "batch.json")
 
 PANELS = 4
 """Largest number of parameters in the chart over the logs."""
+
+SHOWN = 12
+"""Largest number of logs in the picture, those that differ most."""
 
 APART = 2.0
 """Differences between logs over those that their noise explains, from which this is a doubt."""
@@ -109,6 +112,14 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
     return figure
 
 
+def picture(outcomes: Sequence[LogOutcome], agreed: LogAgreement) -> str:
+    """Picture of the parameters of each log less those of the others, of the logs that differ most."""
+    shown = np.sort(np.argsort(-agreed.chi2, kind="stable")[:SHOWN])
+    names = pictures.labels_of([Path(outcomes[k].log).name for k in shown])
+    rows = {f"{k + 1}: {name}": agreed.z[k] / INTERVAL for k, name in zip(shown.tolist(), names, strict=True)}
+    return pictures.coverage(rows, "parameters less those of other logs")
+
+
 def differences(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> list[str]:
     """For each log, what it differs from the others in most, with z; empty for one that agrees."""
     most = np.abs(agreed.z).argmax(axis=1)
@@ -162,10 +173,15 @@ def document(
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
     counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
+    count = f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed."
+    outcome = "not" if doubt else "usable" if all(each.verdict == "usable" for each in outcomes) else "partly"
+    headline = None if agreed is None else Headline("Differ" if doubt else "Agree", count, outcome)
     differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
     return Document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
+        headline=headline,
+        pictures=[] if agreed is None else [picture(fitted, agreed)],
         findings=[
             *([Card("Logs differ", sentence, True)] if doubt else []),
             *(
@@ -173,10 +189,7 @@ def document(
                 for each in failed
             ),
         ],
-        lines=[
-            *([sentence] if sentence and not doubt else []),
-            f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed.",
-        ],
+        lines=[*([sentence] if sentence and not doubt else []), count],
         heading="The logs",
         tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
         | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),

@@ -9,18 +9,26 @@ from typing import Any
 import numpy as np
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import sheet, symbols, tabular
-from experiments.document.document import Card, Document, Plot
+from experiments.document import pictures, sheet, symbols, tabular
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import paper_style
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.document.writer import sentences
+from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "comparison.json")
 """Patterns of the files that it writes."""
+
+RELATIONS = {
+    "Differ": (" by more than noise", "not"),
+    "Share logs": (": their difference has no interval", "partly"),
+    "Agree": (" within noise", "usable"),
+}
+"""Ends of sentences and outcomes by the words for two results, the worst first."""
 
 LINEAR = 10.0
 """Difference in standard deviations up to which the figure's abscissa is linear; it is logarithmic beyond."""
@@ -99,12 +107,22 @@ def settings_table(results: Sequence[Result]) -> tabular.Table:
     return tabular.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
 
 
-def headline(difference: Difference) -> str:
-    """A sentence on whether two results agree."""
-    names = f"'{difference.first.name}' and '{difference.second.name}'"
-    if difference.shared:
-        return f"{names} share logs: their difference has no interval."
-    return f"{names} {'differ by more than' if difference.comparison.differs else 'agree within'} noise."
+def relation(difference: Difference) -> str:
+    """The key of `RELATIONS` for two results."""
+    return "Share logs" if difference.shared else "Differ" if difference.comparison.differs else "Agree"
+
+
+def title(difference: Difference) -> str:
+    """Two results and whether they agree, in a few words."""
+    return f"'{difference.first.name}' and '{difference.second.name}' {relation(difference).lower()}"
+
+
+def headline(pairs: Sequence[Difference]) -> Headline:
+    """Headline of the results that differ most."""
+    each = [relation(pair) for pair in pairs]
+    word = next(word for word in RELATIONS if word in each)
+    of = title(pairs[0]) if len(pairs) == 1 else f"{each.count(word)} of {len(pairs)} results {word.lower()}"
+    return Headline(word, f"{of}{RELATIONS[word][0]}.", RELATIONS[word][1])
 
 
 def agreement(difference: Difference) -> str:
@@ -152,23 +170,24 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared
     }
-    agreements = [agreement(pair) for pair in pairs]
+    agreements = {pair: f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair) for pair in pairs}
+    texts = map(wrapped, agreements.values())
+    independent = [pair for pair in pairs if not pair.shared]
+    rows = {each.second.name: each.comparison.difference / (INTERVAL * each.std_setup) for each in independent}
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
-        verdict=" ".join(map(headline, pairs)),
-        findings=[
-            Card(headline(pair), sentence, bool(pair.shared) or pair.comparison.differs)
-            for sentence, pair in zip(agreements, pairs, strict=True)
-        ],
+        headline=headline(pairs),
+        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}")] if rows else [],
+        findings=[Card(title(pair), text, True) for pair, text in agreements.items() if relation(pair) != "Agree"],
         lines=[
-            f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
-            for result in compared
+            *(text for pair, text in agreements.items() if relation(pair) == "Agree"),
+            *(f"{each.name}: fitted to {listed(each.logs.values())}. {each.estimate['verdict']}" for each in compared),
         ],
         heading="What is compared",
         tables=tables,
         figures=drawn,
         numbers={"comparison": numbers(pairs), "provenance": provenance},
-        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *map(headline, pairs), *agreements])),
+        screen="\n".join([*(table.text() for table in tables.values()), headline(pairs).line, *texts]),
     )
 
 

@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.outcomes import Design, geometric_mean
 from experiments.data.paper import RANDOM_START
 from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
+from experiments.studies.designed_excitation import Design, geometric_mean
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
+from ident.judgement.finding import NAMED
 from ident.recordings.recording import STATES
 
 ALIKE = 0.1
@@ -38,24 +39,24 @@ def table_quality(design: Design) -> tabular.Table:
 def table_deviations(design: Design) -> tabular.Table:
     """Predicted standard deviations of base parameters before and after, prior ones, and their geometric means."""
     title = (
-        f"Excitation of {', '.join(design.joints)}: predicted standard deviations, SI units, of {design.start} and the "
-        "designed one"
+        f"Excitation of {', '.join(design.problem.joints)}: predicted standard deviations, SI units, of {design.start} "
+        "and the designed one"
     )
     std = {} if design.known is None else {"std_known": design.known}
     std |= {"std_before": design.before.std, "std_after": design.after.std}
-    names = (*design.names, *design.drives, "geometric mean")
+    names = (*design.problem.names, "geometric mean")
     means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
     heads, rows = tabular.columns(parameter=names, **means)
     digits = {name: of_deviations(values) for name, values in means.items()}
-    return tabular.Table(title, heads, rows, digits=digits, bodies=design.bodies)
+    return tabular.Table(title, heads, rows, digits=digits, bodies=design.problem.mechanism.bodies)
 
 
 def table_limits(design: Design) -> tabular.Table:
     """Used range and limits of each joint."""
     limits, both = design.limits, (design.before.motion, design.after.motion)
     rows: list[tuple[tabular.Cell, ...]] = []
-    for k, joint in enumerate(design.joints):
-        unit = design.units[joint]
+    for k, joint in enumerate(design.problem.joints):
+        unit = design.problem.units[joint]
         for bound, function, limit in (("lowest", np.min, limits.low), ("highest", np.max, limits.high)):
             used = (float(function(motion.q[:, k])) for motion in both)
             rows.append((joint, f"{bound} position, {unit}", *used, float(limit[k])))
@@ -75,8 +76,8 @@ def figure(design: Design) -> Figure:
         (-limits.acceleration, limits.acceleration),
     )
     first, last = (f"{each.quality['condition_number']:.3g}" for each in (before, after))
-    with empty_figure(0.6 + 1.05 * len(design.joints), wide=True) as drawing:
-        axes = drawing.subplots(len(design.joints), 3, sharex=True, squeeze=False)
+    with empty_figure(0.6 + 1.05 * len(design.problem.joints), wide=True) as drawing:
+        axes = drawing.subplots(len(design.problem.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
             low, high = (float(bound[k]) for bound in bounds[column])
             old, new = (each.motion.states[column][:, k] for each in (before, after))
@@ -88,8 +89,8 @@ def figure(design: Design) -> Figure:
                 ax.axhline(limit, color="C1", lw=0.7, ls="--", label="limits")
             few_ticks(ax)
             ax.set(xlim=(design.time[0], design.time[-1]), ylim=(1.08 * low - 0.08 * high, 1.08 * high - 0.08 * low))
-            unit = f"{design.units[design.joints[k]]}{PER[column]}"
-            label_above(ax, f"{symbols.label(design.joints[k])}, {STATES[column]} ({unit})")
+            unit = f"{design.problem.units[design.problem.joints[k]]}{PER[column]}"
+            label_above(ax, f"{symbols.label(design.problem.joints[k])}, {STATES[column]} ({unit})")
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
         add_legend(drawing)
@@ -102,8 +103,10 @@ def lines(design: Design) -> list[str]:
     beyond = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
     beyond |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
     long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
-    more = {"names": with_bodies(design.names, design.bodies), "compared": design.start != RANDOM_START}
-    more |= {"fast": [name for name, fast in zip(design.joints, beyond, strict=True) if fast], "alike": ALIKE}
+    problem, own = design.problem, design.problem.parameters.names
+    names = with_bodies(own, problem.mechanism.bodies) if len(own) <= NAMED else ""
+    more = {"names": names, "most": NAMED, "compared": design.start != RANDOM_START}
+    more |= {"fast": [name for name, fast in zip(problem.joints, beyond, strict=True) if fast], "alike": ALIKE}
     return sentences("excite.txt", design=design, long=long, short=short, **more)
 
 

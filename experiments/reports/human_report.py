@@ -45,14 +45,13 @@ def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
 
 def _segments(ax: Axes, study: PersonStudy) -> None:
     """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
-    phi, std = study.segments
-    true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
-    size = np.linalg.norm(true[:, 1:4], axis=1)
+    first = {name: x[:, 1:4] for name, x in study.segments.items()}
+    size = np.linalg.norm(first["true"], axis=1)
     rows = np.arange(len(size))
-    for name, x, offset in (("prior", prior, -0.15), ("estimate", phi, 0.15)):
-        error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
+    for name, offset in (("prior", -0.15), ("estimate", 0.15)):
+        error = 100 * np.linalg.norm(first[name] - first["true"], axis=1) / size
         ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
-    half = 100 * INTERVAL * np.linalg.norm(std[:, 1:4], axis=1) / size
+    half = 100 * INTERVAL * np.linalg.norm(first["std"], axis=1) / size
     ax.hlines(rows + 0.15, 0, half, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="95 % interval")
     ax.set_yticks(rows, [name.replace("_", " ") for name in study.true.bodies])
     ax.invert_yaxis()
@@ -66,7 +65,7 @@ def _segments(ax: Axes, study: PersonStudy) -> None:
 def growth(study: PersonStudy) -> np.ndarray:
     """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
     number = len(study.activities)
-    deviations = np.array([study.information([study.seconds] * n + [0.0] * (number - n)) for n in range(number + 1)])
+    deviations = np.array([study.after([study.seconds] * n + [0.0] * (number - n))[1] for n in range(number + 1)])
     logs = np.log(deviations / deviations[0])
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
@@ -127,24 +126,19 @@ OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES)
 
 def table_segments(study: PersonStudy) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
-    phi, std = study.segments
-    true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
+    true = study.segments["true"]
     rows: list[tuple[tabular.Cell, ...]] = []
     for k, name in enumerate(study.true.bodies):
-        first = 1 + int(np.argmax(np.abs(true[k, 1:4])))
-        inertia = 4 + int(np.argmax(true[k, 4:7]))
-        rows.append((name, *(float(x[k, j]) for j in (0, first, inertia) for x in (true, prior, phi, std))))
-    columns = ["segment"]
-    for what in ("mass", "first_moment", "inertia"):
-        columns += [f"{what}_{which}" for which in ("true", "prior", "estimate", "std")]
+        entries = 0, 1 + int(np.argmax(np.abs(true[k, 1:4]))), 4 + int(np.argmax(true[k, 4:7]))
+        rows.append((name, *(float(x[k, j]) for j in entries for x in study.segments.values())))
+    heads, deviations = dict[str, str](), dict[str, str]()
+    for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²")):
+        for which in study.segments:
+            head = "s.d." if which == "std" else which
+            heads[f"{what}_{which}"] = f"{head}, {what.replace('_', ' ')} ({unit})"
+        deviations[f"{what}_estimate"] = f"{what}_std"
     title = "Segments: mass, largest component of the first moment, and of the inertia about the joint"
-    heads = {
-        f"{what}_{which}": f"{'s.d.' if which == 'std' else which}, {what.replace('_', ' ')} ({unit})"
-        for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²"))
-        for which in ("true", "prior", "estimate", "std")
-    }
-    deviations = {f"{what}_estimate": f"{what}_std" for what in ("mass", "first_moment", "inertia")}
-    return tabular.Table(title, tuple(columns), tuple(rows), deviations=deviations, heads=heads)
+    return tabular.Table(title, ("segment", *heads), tuple(rows), deviations=deviations, heads=heads)
 
 
 def table_prediction(study: PersonStudy) -> tabular.Table:
@@ -189,14 +183,9 @@ def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
 
 def numbers(study: PersonStudy) -> dict[str, Any]:
     """Key numbers for scripts."""
-    estimate, (phi, std) = study.estimate, study.segments
+    estimate = study.estimate
     segments = {
-        name: {"true": t, "prior": p, "estimate": x, "std": s}
-        for name, t, p, x, s in zip(
-            study.true.bodies,
-            *(y.reshape(-1, 10).tolist() for y in (study.true.known, study.mechanism.known, phi, std)),
-            strict=True,
-        )
+        name: {kind: x[k].tolist() for kind, x in study.segments.items()} for k, name in enumerate(study.true.bodies)
     }
     predictions = {name: [x.tolist() for x in each] for name, each in predicted_deviations(study).items()}
     centres = {name: com_from_parameters(np.array(each["estimate"]))[1].tolist() for name, each in segments.items()}

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Following
 from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -17,11 +16,12 @@ from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
+from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import about_best
-from ident.judgement.finding import line_of, listed, number_of
+from ident.judgement.finding import NAMED, line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -184,8 +184,7 @@ def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     log = result.prepared
     gained = separating_sensors(log.mechanism, log.sensors)
-    separating = {what: with_bodies(names, log.mechanism.bodies) for what, names in gained.items()}
-    more = {"values": result.determined_values, "weight": result.checks.weight, "separating": separating}
+    more = {"values": result.determined_values, "separating": gained, "with_bodies": with_bodies, "most": NAMED}
     return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
 
@@ -195,15 +194,14 @@ ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    number = len(made.findings) - FIRST
+    more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
     lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS), *first_lines(made.findings)]
-    return "\n".join([*lines, f"--verbose prints {f'{number} more findings and ' if number > 0 else ''}all numbers."])
+    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
 
 
 def first_lines(cards: Sequence[Card]) -> list[str]:
     """The first findings, a line each."""
-    texts = (shorten(f"{card.title}. {card.text}", LINE, placeholder=" …") for card in cards[:FIRST])
-    return [line_of(text, card.doubt) for text, card in zip(texts, cards, strict=False)]
+    return [line_of(shorten(card.text, LINE, placeholder=" …"), card.doubt) for card in cards[:FIRST]]
 
 
 def verbose(made: Document, result: Estimate) -> str:
@@ -280,7 +278,7 @@ def document(
         following: Errors of models that are simulated with the recorded commands, if there are any.
         geometry: True to displace joints of the updated model, too.
     """
-    updated = updated_file(result.prepared.mechanism)
+    updated, bodies = updated_file(result.prepared.mechanism), result.prepared.mechanism.bodies
     recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
     made = Document(
         f"{model.name if model else 'A mechanism'}, identified from {recordings}",
@@ -290,6 +288,7 @@ def document(
         findings=[*map(Card.of, result.findings)],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
+        folded={"Bodies by number": [", ".join(f"{k} is {name}" for k, name in enumerate(bodies, 1))]},
         tables={
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),

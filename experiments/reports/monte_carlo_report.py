@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
-from experiments.data.outcomes import Swept
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
@@ -16,6 +15,7 @@ from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_report
+from experiments.studies.simulation import Swept
 from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
 from ident.errors import InputError

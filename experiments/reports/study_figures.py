@@ -30,10 +30,10 @@ LOWEST = 0.001
 def figure(study: SimulatedStudy, name: str) -> Figure:
     """A figure of the study by file name."""
     entry = study.file.figures[name]
-    if entry["kind"] == "contacts":
+    if entry.kind == "contacts":
         return contacts(study)
     kinds = {"wrenches": wrenches, "wrench errors": wrench_errors, "residuals": residuals}
-    return kinds[entry["kind"]](study, entry.get("curves", {}))
+    return kinds[entry.kind](study, entry.curves)
 
 
 def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
@@ -61,14 +61,14 @@ def inks(curves: Iterable[str]) -> dict[str, int]:
 
 def page_inks(study: SimulatedStudy, curves: Iterable[str]) -> list[int]:
     """Colours of wrenches on the study's page: those of its first figure of wrenches, or other free ones."""
-    entries = (entry["curves"].values() for entry in study.file.figures.values() if entry["kind"] == "wrenches")
+    entries = (entry.curves.values() for entry in study.file.figures.values() if entry.kind == "wrenches")
     wanted = list(curves)
     chosen = inks([*next(entries, ()), *wanted])
     return [chosen[what] for what in wanted]
 
 
 def wrench(study: SimulatedStudy, what: str) -> np.ndarray:
-    """A wrench by its name in a study file: one of `study_file.WRENCHES`, or a model's prediction (N, 6)."""
+    """A wrench by its name in a study file: one of `study_displays.WRENCHES`, or a model's prediction (N, 6)."""
     if what == "ground":
         return study.recording.wrench("ground").values
     totals = {"true": lambda: study.true, "measured": lambda: study.measured}

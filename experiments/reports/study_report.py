@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from experiments.data import simulated_study
-from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
+from experiments.data.fitting import ESTIMATORS, Trial
 from experiments.data.simulated_study import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
-from experiments.data.study_file import estimator_of
+from experiments.data.study_displays import estimator_of
+from experiments.data.study_file import Display
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
@@ -36,12 +37,12 @@ def table(study: SimulatedStudy, name: str) -> tabular.Table:
     """A table of the study by file name."""
     entry = study.file.tables[name]
     kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
-    return kinds[entry["kind"]](study, entry)
+    return kinds[entry.kind](study, entry)
 
 
-def parameters(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+def parameters(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """The models' base parameters, a group of columns for each model."""
-    groups = entry["groups"]
+    groups = entry.groups
     names = study.fit(groups[0]["model"]).base.names
     shown = {
         f"{name}_{suffix}" if suffix else name: (group["model"], name, suffix)
@@ -52,18 +53,17 @@ def parameters(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table
     columns = {column: quantity(study, model, name, names) for column, (model, name, _) in shown.items()}
     notes, beside_paper = _notes(study, groups), _beside_paper(study, groups)
     return tabular.Table(
-        "; ".join([f"{entry['caption']}, kg, kg m and kg m²", *notes]),
+        "; ".join([f"{entry.caption}, kg, kg m and kg m²", *notes]),
         *tabular.columns(parameter=names, **columns),
-        decimals=entry.get("decimals", 3),
+        decimals=entry.fixed_decimals,
         digits={
-            column: _decimals(study, model, name, names, entry.get("decimals"))
-            for column, (model, name, _) in shown.items()
+            column: _decimals(study, model, name, names, entry.decimals) for column, (model, name, _) in shown.items()
         },
         deviations=_deviations(shown),
-        marked=frozenset(entry.get("marked", ()) if beside_paper else ()),
-        footnote=entry.get("footnote", "") if beside_paper else "",
+        marked=frozenset(entry.marked if beside_paper else ()),
+        footnote=entry.footnote if beside_paper else "",
         regrouped=Regrouped.of({_model(suffix): sums(study, model) for model, _, suffix in shown.values()}),
-        caption=entry["caption"],
+        caption=entry.caption,
         notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
         bodies=study.known.bodies,
         heads={column: _head(name, suffix) for column, (_, name, suffix) in shown.items()},
@@ -122,14 +122,12 @@ def quantity(study: SimulatedStudy, model: str, name: str, parameters: Iterable[
         return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
     if name == "regrouping":
         return sums(study, model)
-    fit: Trial | TrajectoryTrial = study.fit(model)
+    fit: Trial = study.fit(model)
     if name.startswith("trajectory_"):
         fit, name = study.trajectory(model), name.removeprefix("trajectory_")
     elif name.endswith("_weighted"):
         fit, name = study.fit(model, "weighted"), name.removesuffix("_weighted")
-    values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.error + fit.psi_true}
-    if isinstance(fit, Trial):
-        values["estimated"] = fit.estimate.psi
+    values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.psi}
     return values[name.removesuffix("_wrench_noise").removesuffix("_scene")]
 
 
@@ -151,16 +149,16 @@ def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[s
     return notes
 
 
-def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+def wrench_errors(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
-    errors = simulated_study.wrench_errors(study, entry["models"])
+    errors = simulated_study.wrench_errors(study, entry.models)
     columns = ("channel", *next(iter(errors.values())))
     rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
-    title = f"{entry['caption']}, N and N m"
-    return tabular.Table(title, columns, rows, entry.get("decimals", 3), caption=entry["caption"], units=UNITS)
+    title = f"{entry.caption}, N and N m"
+    return tabular.Table(title, columns, rows, entry.fixed_decimals, caption=entry.caption, units=UNITS)
 
 
-def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+def contacts(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
     touching, known = simulated_study.touches(study), study.known
 
@@ -168,7 +166,7 @@ def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
         return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
 
     return tabular.Table(
-        entry["caption"],
+        entry.caption,
         *tabular.columns(
             contact=known.sites,
             link=[body for body, _ in known.sites.values()],
@@ -177,7 +175,7 @@ def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
             episodes=each("episodes"),
             peak_force_N=each("peak_force_N"),
         ),
-        decimals=entry.get("decimals", 3),
+        decimals=entry.fixed_decimals,
     )
 
 
@@ -236,9 +234,7 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         about,
         lines=lines(study),
         tables={name: table(study, name) for name in file.tables},
-        figures={
-            name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
-        },
+        figures={name: Plot(partial(study_figures.figure, study, name), e.caption) for name, e in file.figures.items()},
         numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}, "provenance": provenance},
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},

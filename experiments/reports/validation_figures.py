@@ -24,15 +24,8 @@ ROW, HEAD, FOOT = 0.13, 0.30, 0.75
 NEAR, FAR = -1.0, 3.0
 """Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
 
-ACROSS, LINE = 3, 0.1
-"""Panels beside each other in the figure of known parameters, and inches of its rows."""
-
-WIDEST = 100.0
-"""Largest relative error that is drawn, %."""
-
 NOISE = "estimate, 95 % of the noise"
-HOLDS, MISSES = "estimate and its 95 % interval", "interval that misses the true value"
-"""Entries of legends."""
+"""Entry of a legend."""
 
 TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
 """Ticks of ratios, as far as they are on the abscissa."""
@@ -46,39 +39,6 @@ GROUPS = {
     "identical": ("C2", 0.22, "identical parts"),
 }
 """Colour, place in its row, and label of each kind of agreement."""
-
-
-def truth_figure(study: Study) -> Figure:
-    """True values between the ends of their 95 % intervals, as relative errors, a panel for each system.
-
-    Parameters are those whose intervals exclude zero, the narrowest interval on top.
-    """
-    shown = [each for each in study.truths.values() if each.significant.any()]
-    columns = min(len(shown), ACROSS)
-    rows = -(-len(shown) // columns)
-    most = [max(int(each.significant.sum()) for each in shown[k * columns :][:columns]) for k in range(rows)]
-    with empty_figure(sum(LINE * count + HEAD for count in most) + FOOT, wide=True) as drawing:
-        axes = drawing.subplots(rows, columns, squeeze=False, height_ratios=most).ravel()
-        for ax, each, lines in zip(axes, shown, np.repeat(most, columns).tolist(), strict=False):
-            mask, holds = each.significant, abs(each.z) <= INTERVAL
-            half = 100 * INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
-            order = np.argsort(half)
-            error, half, inside = 100 * each.errors(each.values)[order], half[order], holds[mask][order]
-            for which, color, label in ((inside, "C0", HOLDS), (~inside, "C3", MISSES)):
-                own = np.flatnonzero(which)
-                style: dict[str, Any] = {"fmt": "o", "color": color, "ms": 2.6, "elinewidth": 1.4, "label": label}
-                ax.errorbar(error[own], own, xerr=half[own], **style)
-            ax.axvline(0, color="black", lw=0.8, zorder=0, label="true value")
-            ax.set_xlim(-WIDEST, WIDEST)
-            ax.set_ylim(lines - 0.5, -0.5)
-            names = np.array(each.names)[mask][order]
-            ax.set_yticks(range(len(order)), [row_label(name) for name in names], fontsize=6)
-            ax.set_title(f"{each.title}:\n{holds.sum()} of {len(holds)} intervals hold")
-            ax.set_xlabel("Estimate less true value, %", labelpad=2)
-        for ax in axes[len(shown) :]:
-            ax.remove()
-        add_legend(drawing, "lower", columns=3)
-    return drawing
 
 
 def row_label(name: str) -> str:

@@ -1,6 +1,7 @@
 """Report on the validation: tables, figures, key numbers, and sentences that say where it wins and where it loses."""
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from experiments.document.document import Document, Headline, Plot
 from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from ident.tolerances import INTERVAL
 
 DIGITS = 6
@@ -37,17 +38,14 @@ def numbers(study: Study) -> dict[str, Any]:
 
 def _recording(validation: Validation) -> dict[str, Any]:
     """Numbers of a recording."""
-    names = ("rivals", "channels", "units", "ratios", "at_rest", "halves", "widening", "outcome", "verdict", "doubts")
-    return {
-        "values": vars(validation.values),
-        "trials": {name: vars(each) for name, each in validation.trials.items()},
-        **{name: getattr(validation, name) for name in (*names, "samples", "cutoff", "seconds", "unchecked", "peers")},
-        "published_z": {each.name: validation.published_z(each) for each in validation.entry.published},
-    }
+    own = {name: value for name, value in vars(validation).items() if name != "entry"}
+    return own | {"published_z": {each.name: validation.published_z(each) for each in validation.entry.published}}
 
 
 def rounded(value: Any) -> Any:
-    """Numbers of any structure in JSON types with `DIGITS` significant digits; infinite ones and NaN become None."""
+    """Numbers of any structure in JSON types with `DIGITS` significant digits; infinite ones and NaN are None."""
+    if is_dataclass(value):
+        return rounded(vars(value))
     if isinstance(value, Mapping):
         return {name: rounded(each) for name, each in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
@@ -70,19 +68,13 @@ STEEL = "double_pendulum"
 
 def lines(study: Study) -> list[str]:
     """Sentences with the main numbers, and on what was not run."""
-    out = main_lines(study)
+    out = [*truth_lines(study), *(overview_lines(study) if study.validations else []), *worse_lines(study)]
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
     if study.untried:
         out.append(f"In the registry, but never tried: {', '.join(entry.title for entry in study.untried)}.")
     return out
-
-
-def main_lines(study: Study) -> list[str]:
-    """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
-    predictions = overview_lines(study) if study.validations else []
-    return [*truth_lines(study), *predictions, *worse_lines(study)]
 
 
 def truth_lines(study: Study) -> list[str]:
@@ -156,7 +148,8 @@ def _identical(validation: Validation) -> str:
 
 def known_picture(study: Study) -> str:
     """Picture of all known parameters' errors beside their 95 % intervals."""
-    return pictures.coverage({each.title: each.z / INTERVAL for each in study.truths.values()})
+    rows = {each.title: each.z / INTERVAL for each in study.truths.values()}
+    return pictures.coverage(rows, "estimate less true value")
 
 
 def headline(z: np.ndarray, sentence: str) -> Headline:
@@ -166,8 +159,6 @@ def headline(z: np.ndarray, sentence: str) -> Headline:
 
 
 CAPTIONS = {
-    "figure_truth": "Known parameters: estimates less true values, with 95 % intervals, where these exclude zero; the "
-    "narrowest on top.",
     "figure_validation": "Held-out residuals of the trajectory estimate over those of the best other candidate, up to "
     "5 % worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
     "standard deviations, 95 % in grey (b).",
@@ -193,9 +184,9 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     }
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {"figure_truth": partial(truth_figure, study)} if study.truths else {}
+    figures = {}
     if study.validations:
-        figures |= {
+        figures = {
             "figure_validation": partial(summary_figure, study),
             "figure_held_out": partial(held_out_figure, study),
         }

@@ -9,8 +9,8 @@ from experiments.data.validation import (
     ESTIMATE,
     LEAST_SQUARES,
     MODEL,
+    OTHERS,
     WORSE,
-    Goal,
     Study,
     Validation,
     Values,
@@ -21,9 +21,6 @@ from experiments.data.validation import (
 from experiments.document import tabular
 from experiments.reports.validation_figures import agreement
 from ident.judgement.verdict import Outcome
-
-OTHERS = (LEAST_SQUARES, MODEL)
-"""Candidates besides the estimate."""
 
 
 def table_truth(study: Study) -> tabular.Table:
@@ -146,16 +143,9 @@ def table_published(study: Study) -> tabular.Table:
 def table_worse(study: Study) -> tabular.Table:
     """Channels in which another candidate predicts better by more than 5 %."""
     rows = [
-        (
-            each.entry.title,
-            loss.channel,
-            loss.own,
-            CANDIDATES[loss.other],
-            loss.best,
-            f"{100 * (loss.own / loss.best - 1):.0f} %",
-        )
+        (each.entry.title, channel, own, CANDIDATES[other], best, f"{100 * (own / best - 1):.0f} %")
         for each in study
-        for loss in each.losses
+        for channel, own, other, best in each.losses
     ]
     heads = {"other": "best other candidate", "best": "its residual", "excess": "worse by"}
     title = f"Channels in which another candidate predicts better by more than {100 * (WORSE - 1):.0f} %"
@@ -175,18 +165,15 @@ def table_outside(study: Study) -> tabular.Table:
 
 def table_missed(study: Study) -> tabular.Table:
     """Reference results that the estimate does not reach."""
-    rows = [_missed(each, goal) for each in study for goal in each.goals if not goal.met]
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        source = each.entry.reference.source if each.entry.reference else ""
+        for goal in (goal for goal in each.goals if not goal.met):
+            limit = f"at {'least' if goal.least else 'most'} {goal.wanted:g}"
+            rows.append((each.entry.title, goal.what, limit, f"{goal.reached:.3g}", source))
     columns = ("recording", "of", "reference", "reached", "source")
     heads = {"source": "origin of the reference"}
     return tabular.Table("Reference results that are not reached", columns, tuple(rows), heads=heads)
-
-
-def _missed(validation: Validation, goal: Goal) -> tuple[tabular.Cell, ...]:
-    """Row of a reference result."""
-    reference = validation.entry.reference
-    limit = f"at {'least' if goal.least else 'most'} {goal.wanted:g}"
-    source = "" if reference is None else reference.source
-    return validation.entry.title, goal.what, limit, f"{goal.reached:.3g}", source
 
 
 NONE = "—"

@@ -9,7 +9,6 @@ import numpy as np
 
 import scenes
 from experiments.data import paper
-from experiments.data.outcomes import Design, Excited
 from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.studies import criteria, excitation_problem
 from experiments.studies.excitation_problem import DesignProblem
@@ -32,6 +31,61 @@ POSTURES = 200
 
 PER_PERIOD = 10
 """Smallest number of samples in a period of the fastest harmonic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excited:
+    """A motion, and what it determines of a mechanism.
+
+    Attributes:
+        motion: The motion.
+        quality: All criteria, by name.
+        std: Predicted standard deviations of the base parameters (r,).
+    """
+
+    motion: Motion
+    quality: Mapping[str, float]
+    std: np.ndarray
+
+    @property
+    def mean_deviation(self) -> float:
+        """Geometric mean of the standard deviations."""
+        return geometric_mean(self.std)
+
+
+def geometric_mean(deviations: np.ndarray) -> float:
+    """Geometric mean of standard deviations; ratios of it do not depend on units."""
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.log(deviations).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A designed motion, and the one that it is compared with.
+
+    Attributes:
+        problem: The problem.
+        known: Standard deviations of the prior (r + d,); None without one.
+        limits: Limits of the joints.
+        time: Times of the samples, s (N,).
+        start: Name of the motion before, in words.
+        before: That motion.
+        after: The design.
+        series: Its Fourier series, in JSON types.
+        recording: The designed motion of all hinges and slides.
+        collisions: Result of the collision checks, in words.
+    """
+
+    problem: DesignProblem
+    known: np.ndarray | None
+    limits: Limits
+    time: np.ndarray
+    start: str
+    before: Excited
+    after: Excited
+    series: Mapping[str, Any]
+    recording: Recording
+    collisions: str
 
 
 @dataclass(frozen=True)
@@ -72,18 +126,15 @@ def joint_limits(bounds: Bounds, problem: DesignProblem, reference: Motion | Non
     Raises:
         InputError: A joint has no range and none is given, or the ranges leave no room.
     """
-    if reference is None:
+    if reference is None or bounds.position is not None:
         low, high = _ranges(problem, bounds)
-        velocity, acceleration = (np.full(len(low), limit) for limit in (VELOCITY, ACCELERATION))
     else:
         low, high = reference.q.min(axis=0), reference.q.max(axis=0)
-        velocity, acceleration = abs(reference.dq).max(axis=0), abs(reference.ddq).max(axis=0)
-        if bounds.position is not None:
-            low, high = _ranges(problem, bounds)
-    if bounds.velocity is not None:
-        velocity = np.full(len(low), bounds.velocity)
-    if bounds.acceleration is not None:
-        acceleration = np.full(len(low), bounds.acceleration)
+    peaks = [abs(x).max(axis=0) for x in (reference.dq, reference.ddq)] if reference else [VELOCITY, ACCELERATION]
+    velocity, acceleration = (
+        np.full(len(low), peak if given is None else given)
+        for given, peak in zip((bounds.velocity, bounds.acceleration), peaks, strict=True)
+    )
     return Limits(low, high, velocity, acceleration)
 
 
@@ -96,10 +147,10 @@ def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndar
             raise InputError(
                 f"Joint '{joint}' has no range in the model; give one with --position LOW HIGH, in {unit}."
             )
-        low, high = given if given is not None else (-np.inf, np.inf)
-        inner, outer = allowed if allowed is not None else (-np.inf, np.inf)
-        if allowed is not None:
-            inner, outer = inner + bounds.margin * (outer - inner), outer - bounds.margin * (outer - inner)
+        low, high = given or (-np.inf, np.inf)
+        inner, outer = allowed or (-np.inf, np.inf)
+        free = bounds.margin * (outer - inner) if allowed else 0.0
+        inner, outer = inner + free, outer - free
         if not max(low, inner) < min(high, outer):
             raise InputError(
                 f"Joint '{joint}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
@@ -183,24 +234,21 @@ def designed(
         motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
     value = criteria.cost(problem, criterion, len(time))
     trajectory = criteria.best(value, limits, motions, collisions, iterations, seed)
-    after, series = Motion(*trajectory.states(time)), _series(trajectory, problem.joints)
+    after = Motion(*trajectory.states(time))
+    series = {
+        "duration": trajectory.duration,
+        "joints": list(problem.joints),
+        "center": trajectory.center.tolist(),
+        "coefficients": trajectory.coefficients.tolist(),
+    }
     known = None if problem.mechanism.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
-    return Design(
-        joints=problem.joints,
-        units=problem.units,
-        names=problem.parameters.names,
-        drives=problem.drives,
-        bodies=problem.mechanism.bodies,
-        known=known,
-        limits=limits,
-        time=time,
-        start=str(log) if log else "the paper's excitation" if published else RANDOM_START,
-        before=_excited(problem, before),
-        after=_excited(problem, after),
-        series=series,
-        recording=recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series}),
-        collisions=_checked(collisions),
+    start = str(log) if log else "the paper's excitation" if published else RANDOM_START
+    first, last = (
+        Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
+        for motion in (before, after)
     )
+    made = recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series})
+    return Design(problem, known, limits, time, start, first, last, series, made, _checked(collisions))
 
 
 def _within_loops(problem: DesignProblem, limits: Limits) -> tuple[DesignProblem, Limits]:
@@ -231,16 +279,6 @@ def recorded(problem: DesignProblem, log: Path, columns: Path | None = None) -> 
     time = np.arange(own[edge], own[-1 - edge], 1 / RATE)
     q, dq, ddq = (np.stack([np.interp(time, own, column) for column in x.T], axis=1) for x in motion.states)
     return Motion(q, dq, ddq)
-
-
-def _series(trajectory: FourierTrajectory, joints: Sequence[str]) -> dict[str, Any]:
-    """The Fourier series of a motion in JSON types."""
-    coefficients = {"center": trajectory.center.tolist(), "coefficients": trajectory.coefficients.tolist()}
-    return {"duration": trajectory.duration, "joints": list(joints), **coefficients}
-
-
-def _excited(problem: DesignProblem, motion: Motion) -> Excited:
-    return Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
 
 
 def recording(problem: DesignProblem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.data.outcomes import Angles
 from ident.errors import InputError
 from ident.files.markers import Markers
 from ident.files.readers import read_markers
@@ -15,8 +14,8 @@ from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
 from sim.markers.model_files import Settings, read_settings
-from sim.markers.trial_fit import check_fit, fit_trial
-from sim.markers.trial_recording import recording, swaps
+from sim.markers.trial_fit import Postures, check_fit, fit_trial
+from sim.markers.trial_recording import Swap, recording, swaps
 from sim.models.opensim.reading import is_opensim
 
 
@@ -33,6 +32,29 @@ class Scale:
     trial: Path | None = None
     symmetric: bool = False
     mass: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """Fitted angles of a trial.
+
+    Attributes:
+        markers: The markers of the file.
+        unmatched: Labels without a site.
+        postures: Fitted postures.
+        swaps: Markers whose labels seem exchanged.
+        base: Body whose frame is {0}; None for the world.
+        recording: Joint positions, their noise and the base's poses.
+        scaling: Lengths of segments; None for the model's.
+    """
+
+    markers: Markers
+    unmatched: tuple[str, ...]
+    postures: Postures
+    swaps: tuple[Swap, ...]
+    base: str | None
+    recording: Recording
+    scaling: Scaling | None
 
 
 def angles(
@@ -62,41 +84,34 @@ def angles(
     if scale is not None and is_opensim(model):
         raise InputError("--scale needs an MJCF or URDF model; let OpenSim's Scale Tool scale an OpenSim model.")
     settings = read_settings(places) if places is not None else Settings()
-    markers, marked, unmatched, positions = _marked(model, trial, settings, fix)
+    markers, unmatched, marked, positions = _marked(model, trial, settings, fix)
     base = base_of(marked.model, base)
     lengths = None
     if scale is not None:
-        own = (marked, positions)
-        if scale.trial is not None:
-            _, other, _, there = _marked(model, scale.trial, settings, fix)
-            own = other, there
+        own = (marked, positions) if scale.trial is None else _marked(model, scale.trial, settings, fix)[2:]
         lengths = _scaling(*own, settings, scale)
         marked = marked.with_lengths(lengths.model)
     postures = fit_trial(marked, positions)
     check_fit(postures)
     sigma = postures.sigma if isfinite(postures.sigma) else None
     source = {"markers": str(trial), "model": str(model), "base": base, "sigma_m": sigma}
-    felt = None if wrenches is None else _wrenches(wrenches)
+    felt = None if wrenches is None else Recording.load(wrenches)
+    if felt is not None and not felt.wrenches:
+        raise InputError(f"{wrenches}: no wrench is in this file; it needs columns NAME_force.x to NAME_torque.z.")
     log = recording(postures, markers.time, base, source, felt)
-    log = replace(log, notes=(*log.notes, *_constraint_note(marked)))
+    if count := marked.model.neq:
+        more = f"The model's equality constraints ({count}) are not kept: joints follow the markers alone."
+        log = replace(log, notes=(*log.notes, more))
     return Angles(markers, tuple(unmatched), postures, tuple(swaps(postures, positions)), base, log, lengths)
 
 
 def _marked(
     model: Path, trial: Path, settings: Settings, fix: Mapping[str, Sequence[float]] | None
-) -> tuple[Markers, MarkedModel, Sequence[str], np.ndarray]:
-    """Markers of a trial, the model with their places, labels without a place, and the markers' positions."""
+) -> tuple[Markers, Sequence[str], MarkedModel, np.ndarray]:
+    """Markers of a trial, labels without a place, the model with the others' places, and the markers' positions."""
     markers = read_markers(trial, settings.unit)
     marked, unmatched = marked_model(model, markers.labels, settings.markers, fix)
-    return markers, marked, unmatched, marked_positions(markers, unmatched, marked, settings.up)
-
-
-def _wrenches(path: Path) -> Recording:
-    """A recording with wrenches."""
-    felt = Recording.load(path)
-    if not felt.wrenches:
-        raise InputError(f"{path}: no wrench is in this file; it needs columns NAME_force.x to NAME_torque.z.")
-    return felt
+    return markers, unmatched, marked, marked_positions(markers, unmatched, marked, settings.up)
 
 
 def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, scale: Scale) -> Scaling:
@@ -105,10 +120,3 @@ def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, sca
     if scale.mass is not None and total == 0:
         raise InputError("--mass needs bodies that have masses; those of this model have none.")
     return scaling(marked, positions, groups, 1.0 if scale.mass is None else scale.mass / total)
-
-
-def _constraint_note(marked: MarkedModel) -> list[str]:
-    """A note on equality constraints, if the model has some."""
-    if not marked.model.neq:
-        return []
-    return [f"The model's equality constraints ({marked.model.neq}) are not kept: joints follow the markers alone."]

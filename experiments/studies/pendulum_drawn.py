@@ -1,11 +1,12 @@
 """The double pendulum itself, from the scene's geometry and from the paper's Table I."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 import scenes
 import sim
 from experiments.data import paper
-from experiments.data.outcomes import Drawing
 from experiments.data.paper import SCENE
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
@@ -13,6 +14,27 @@ from ident.mechanism.tree import Tree
 
 DRAWN_AT = np.array([0.45, 0.75])
 """Joint angles of Figure 1, in rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A mechanism and its geometry in one posture, in metres and world axes.
+
+    Attributes:
+        tree: The mechanism.
+        q: Joint angles, rad (n,).
+        base: Position of the base frame (3,).
+        poses: Poses of the bodies (b, 4, 4).
+        masses: Positions of their centres of mass (b, 3).
+        end: End of the last link (3,).
+    """
+
+    tree: Tree
+    q: np.ndarray
+    base: np.ndarray
+    poses: np.ndarray
+    masses: np.ndarray
+    end: np.ndarray
 
 
 def drawing() -> Drawing:

@@ -163,6 +163,6 @@ def counted(seconds: float, given: Mapping[str, Any], seed: int) -> dict[str, An
     better = float((person.errors["prior"] / person.errors["trajectory estimate"]).min())
     out: dict[str, Any] = {"noise_of_angles": person.noise_of_angles, "times_better": better}
     out |= {"verdict": str(person.estimate.verdict())}
-    for name, pair in (("with_setup", person.distances), ("of_noise", person.distances_of_noise)):
+    for name, pair in (("with_setup", person.distances), ("of_noise", person.distances_by(person.estimate.covariance))):
         out[name] = {"std": pair[0].tolist(), "z": pair[1].tolist()}
     return out

@@ -1,7 +1,7 @@
 """Simulation of a study's recording, its models by least squares, and trials with noise drawn anew."""
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import TRAJECTORY, Distribution, TrajectoryTrial, Trial
-from experiments.data.outcomes import Swept
+from experiments.data.fitting import TRAJECTORY, Distribution
 from experiments.data.simulated_study import SimulatedStudy, StudyProblem, summary
 from experiments.data.study_file import StudyFile
 from experiments.runs.workers import Checkpoint, Workers
@@ -27,11 +26,6 @@ BATCH = 8
 
 Outcome = np.ndarray
 """Errors and predicted standard deviations of each model's base parameters (models, 2, parameters)."""
-
-
-def outcome(*fits: Trial | TrajectoryTrial) -> Outcome:
-    """Outcome of a trial with these fits."""
-    return np.array([[fit.error, fit.std] for fit in fits])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +63,10 @@ class Draw:
             "seed": self.file.seed,
         }
 
+    def kept(self, what: str, file: Path, **more: Any) -> Checkpoint:
+        """Checkpoint of outcomes that have these settings, and more."""
+        return Checkpoint(what, file, {**self.identity, **more})
+
     def recordings(self, trials: Iterable[int], threads: int = 1) -> list[Recording]:
         """The recordings of some trials, independent of workers and threads."""
         seeds = [np.random.SeedSequence((self.file.seed, k)) for k in trials]
@@ -98,13 +96,6 @@ def run_trials(
     """
     work = partial(_outcomes, draw, analyse, workers.threads)
     return np.array(workers.collected(work, range(trials), kept, batch=BATCH))
-
-
-def kept_in(folder: Path, draw: Draw) -> tuple[Checkpoint, Checkpoint]:
-    """Checkpoints of the trials, and of those of the trajectory estimate."""
-    names = {FILE: "trials", TRAJECTORY_FILE: "trajectory trials"}
-    first, second = (Checkpoint(what, folder / file, draw.identity) for file, what in names.items())
-    return first, second
 
 
 def _outcomes(
@@ -144,17 +135,17 @@ def draw_of(study: SimulatedStudy, asked: Trials, folder: Path) -> Draw:
         if not asked.trials and not study.file.sweep:
             raise InputError("--resume needs --trials, the number of trials to reach.")
         if asked.trials:
-            kept_in(folder, draw)[0].done()
+            draw.kept("trials", folder / FILE).done()
     return draw
 
 
 def distributions(study: SimulatedStudy, draw: Draw, asked: Trials, folder: Path) -> dict[str, Distribution]:
     """Runs the trials, and repeats the first of them for the trajectory estimate."""
-    file, (kept, kept_trajectory) = study.file, kept_in(folder, draw)
+    file, kept_trajectory = study.file, draw.kept("trajectory trials", folder / TRAJECTORY_FILE)
     if not asked.workers.resume:
         kept_trajectory.set_aside()
     analyse = partial(trial, study.problem, tuple(file.trials.values()))
-    outcomes = run_trials(draw, analyse, asked.trials, kept, asked.workers)
+    outcomes = run_trials(draw, analyse, asked.trials, draw.kept("trials", folder / FILE), asked.workers)
     made = {name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())}
     number, name = min(asked.trials, asked.trajectory_trials), file.trajectory_trials
     if name and number:
@@ -173,6 +164,32 @@ def _distribution(study: SimulatedStudy, model: str, outcomes: np.ndarray) -> Di
     return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
 
 
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """Results of a study for each value and seed of a sweep.
+
+    Attributes:
+        option: Name of the option.
+        values: Its values.
+        runs: Value, seed and summary of each run, or its error under `refused`; all values with the first seed, then
+            with the next.
+    """
+
+    option: str
+    values: Sequence[str | float]
+    runs: Sequence[Mapping[str, Any]]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers in the summaries, without the paper's."""
+        names = dict.fromkeys(name for run in self.runs for name, x in run.items() if isinstance(x, int | float))
+        return [name for name in names if not name.startswith("paper_") and name not in (self.option, "seed")]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A number for each seed and value (seeds, values); NaN if a summary lacks it."""
+        return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
+
+
 def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
     """Runs a study with each value and seed of its sweep, or the remainder of an interrupted run.
 
@@ -182,8 +199,7 @@ def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
     file, sweep = draw.file, draw.file.sweep
     assert sweep is not None
     runs = [(value, seed) for seed in range(sweep.seeds) for value in sweep.values]
-    identity = {**draw.identity, "option": sweep.option, "values": sweep.values}
-    kept = Checkpoint("runs", folder / SWEEP_FILE, identity)
+    kept = draw.kept("runs", folder / SWEEP_FILE, option=sweep.option, values=sweep.values)
     # A run with trials may have been interrupted before the sweep.
     resume = asked.workers.resume and (kept.file.exists() or not asked.trials)
     outcomes = replace(asked.workers, resume=resume).collected(partial(_run, file, sweep.option), runs, kept)
@@ -231,9 +247,10 @@ def study(name: str, **options: object) -> SimulatedStudy:
 def trial(problem: StudyProblem, models: Sequence[str], recording: Recording) -> Outcome:
     """Errors of some models from one recording, axes always recovered as one direction."""
     study = SimulatedStudy(problem, recording, significance=0)
-    return outcome(*map(study.fit, models))
+    return np.array([[fit.error, fit.std] for fit in map(study.fit, models)])
 
 
 def trajectory_trial(problem: StudyProblem, model: str, recording: Recording) -> Outcome:
     """Errors of a model's trajectory estimate from one recording, axes always recovered as one direction."""
-    return outcome(SimulatedStudy(problem, recording, significance=0).determined_trajectory(model))
+    fit = SimulatedStudy(problem, recording, significance=0).determined_trajectory(model)
+    return np.array([[fit.error, fit.std]])

@@ -1,31 +1,17 @@
 """Reading of study files: each entry is checked, and unknown entries are errors."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from importlib.resources import files
 from os.path import realpath
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, get_type_hints
 
 import scenes
 from experiments.data import paper
-from experiments.data.fitting import ESTIMATORS
-from experiments.data.study_file import (
-    ALL,
-    AXES,
-    FIGURES,
-    TABLES,
-    WRENCHES,
-    Scene,
-    StudyFile,
-    StudyModel,
-    Sweep,
-    parameter_tables,
-    several,
-    shown,
-    usual,
-)
-from ident.annotations import Needs, NotNegative
+from experiments.data.study_displays import FIGURES, TABLES, WRENCHES, parameter_tables, several, shown, usual
+from experiments.data.study_file import ALL, Scene, StudyFile, StudyModel, Sweep
+from ident.annotations import NotNegative
 from ident.errors import InputError, about
 from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, made, table, value_of
@@ -45,13 +31,8 @@ PUBLISHED_KINDS: Mapping[str, Any] = {
 }
 """Types of the numbers of `[published]`, by parameter or model."""
 
-RECORDED: Mapping[str, Any] = {
-    "samples": Annotated[int, Needs("a whole number of at least 1", lambda x: x >= 1)],
-    "seed": Annotated[int, Needs("a whole number of at least 0", lambda x: x >= 0)],
-    "noise_scale": NotNegative,
-    "noise": Mapping[str, NotNegative],
-}
-"""Entries of `[recording]` and their types."""
+RECORDED = ("samples", "seed", "noise_scale", "noise")
+"""Entries of `[recording]`."""
 
 PACKAGED = ("misaligned", "multicontact", "several_contacts")
 """Studies in this package, a file each."""
@@ -85,34 +66,33 @@ def read(path: Path) -> StudyFile:
 
 def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     """A study from the entries of a file; models are searched in its folder."""
-    known = {field.name for field in fields(StudyFile)} - {*RECORDED, "trajectory_trials"}
-    check_keys("the study", entries, sorted(known | {"recording"}))
+    hints = get_type_hints(StudyFile, include_extras=True)
+    check_keys("the study", entries, sorted({*hints, "recording"} - {*RECORDED, "trajectory_trials"}))
     for needed in ("scene", "models"):
         if not entries.get(needed):
             raise InputError(f"the study needs [{needed}].")
     scene = _scene(table("[scene]", entries["scene"]), folder)
     models = _models(table("[models]", entries["models"]), scene)
-    trials = table("[trials]", entries.get("trials", {}))
-    check_keys("[trials]", trials, ("models", "trajectory"))
     main = choice("main", entries["main"], models) if "main" in entries else None
-    tables, figures = usual(models, main)
-    if entries.get("tables") in (None, {}):
-        entries = {**entries, "tables": parameter_tables(models)}
+    trials, recording = (table(f"[{name}]", entries.get(name, {})) for name in ("trials", "recording"))
+    check_keys("[trials]", trials, ("models", "trajectory"))
+    check_keys("[recording]", recording, RECORDED)
     tried = table("trials.models", trials.get("models", {}))
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
+    stated, (tables, figures) = entries.get("tables", {}), usual(models, main)
     study = StudyFile(
-        title=value_of("title", entries.get("title", "A study"), str),
-        scene=scene,
-        excitation=_excitation(entries.get("excitation", "double_pendulum")),
-        models=models,
+        scene,
+        _excitation(entries.get("excitation", "double_pendulum")),
+        models,
         main=main,
         trials=tried,
         trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=shown("tables", entries, TABLES, models, scene, tables),
-        figures=shown("figures", entries, FIGURES, models, scene, figures),
-        **_recording(table("[recording]", entries.get("recording", {}))),
+        tables=shown("tables", parameter_tables(models) if stated == {} else stated, TABLES, models, scene, tables),
+        figures=shown("figures", entries.get("figures", {}), FIGURES, models, scene, figures),
+        title=value_of("title", entries.get("title", "A study"), str),
+        **{key: value_of(f"recording.{key}", x, hints[key]) for key, x in recording.items()},
     )
     return with_sweep(study, entries["sweep"]) if "sweep" in entries else study
 
@@ -129,18 +109,19 @@ def with_sweep(study: StudyFile, entry: Any) -> StudyFile:
 
 
 def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
-    check_keys("[scene]", entry, [field.name for field in fields(Scene)])
     name = value_of("scene.model", entry.get("model"), str)
     own = name.lower().endswith(".xml")
     if not own:
         choice("scene.model, unless it is an MJCF file (.xml),", name, scenes.NAMES)
-    model: str | Path = Path(realpath(folder / name)) if own else name
-    if isinstance(model, Path) and not model.is_file():
+    elif not (folder / name).is_file():
         raise InputError(f"scene.model '{name}' does not exist.")
-    tilt = value_of("scene.tilt_deg", entry.get("tilt_deg"), NotNegative | None)
-    azimuth = value_of("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), float)
-    base = value_of("scene.base", entry.get("base", None if own else scenes.BASES[name]), str | None)
-    return Scene(model, base, tilt, azimuth, _contacts(entry.get("contacts", []), own))
+    stated = {
+        "base": None if own else scenes.BASES[name],
+        **entry,
+        "contacts": _contacts(entry.get("contacts", []), own),
+    }
+    scene = made(Scene, "scene", stated)
+    return replace(scene, model=Path(realpath(folder / name))) if own else scene
 
 
 def _contacts(value: Any, own: bool) -> Mapping[str, str]:
@@ -159,33 +140,22 @@ def _excitation(value: Any) -> Any:
     return made(Excitation, "excitation", value)
 
 
-def _recording(entry: Mapping[str, Any]) -> dict[str, Any]:
-    check_keys("[recording]", entry, [*RECORDED])
-    return {"samples": paper.SAMPLES} | {
-        key: value_of(f"recording.{key}", x, RECORDED[key]) for key, x in entry.items()
-    }
-
-
 def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, StudyModel]:
     models: dict[str, StudyModel] = {}
     for name, value in entries.items():
-        where, entry = f"models.{name}", table(f"models.{name}", value)
+        where = f"models.{name}"
         if name.casefold() in WRENCHES:
             raise InputError(
                 f"{where} needs another name: curves of wrenches call {', '.join(WRENCHES)} what is no model."
             )
-        check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
-        given = entry.get("ignore", [])
-        models[name] = StudyModel(
-            title=value_of(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model"), str),
-            axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
+        entry = {"title": f"{name.replace('_', ' ')} model", **table(where, value)}
+        model = made(StudyModel, where, entry | ({"ignore": [*ALL]} if entry.get("ignore") == "all" else {}))
+        if model.parameters is not None:
             # Only earlier models, so that there are no cycles.
-            parameters=choice(f"{where}.parameters", entry["parameters"], models) if "parameters" in entry else None,
-            ignored=ALL if given == "all" else several(f"{where}.ignore", given, scene.contacts),
-            estimators=several(f"{where}.estimators", entry.get("estimators", ["ordinary"]), ESTIMATORS),
-        )
-        if not models[name].estimators or models[name].estimators[0] == "trajectory":
-            raise InputError(f"{where}.estimators needs ordinary or weighted first, which the summary is of.")
+            choice(f"{where}.parameters", model.parameters, models)
+        for contact in model.ignore if model.ignore != ALL else ():
+            choice(f"{where}.ignore", contact, scene.contacts)
+        models[name] = model
     return models
 
 

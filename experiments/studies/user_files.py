@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Following
 from ident.errors import InputError, LogError, ModelError, about
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
@@ -97,6 +96,35 @@ def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequen
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class Following:
+    """Errors of simulated coordinates, by joint.
+
+    Attributes:
+        joints: Names of the joints.
+        units: Their units, `rad` or `m`.
+        before: RMS error of the model as it came (n,); NaN if its simulation diverged.
+        after: RMS error of the updated model (n,).
+        seconds: Simulated time, s.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+    seconds: float
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """Error of the updated model over that of the model as it came (n,)."""
+        return self.after / np.maximum(self.before, 1e-300)
+
+    @property
+    def better(self) -> int:
+        """Number of joints that the updated model follows better."""
+        return int((self.after < np.where(np.isnan(self.before), np.inf, self.before)).sum())
+
+
 def following(result: Estimate) -> Following | None:
     """Errors of simulated coordinates on what was held out of the first recording, else on its end.
 
@@ -106,7 +134,10 @@ def following(result: Estimate) -> Following | None:
     log, mechanism = result.prepared, result.prepared.mechanism
     if set(log.recording.servos) != set(mechanism.tree.joints):
         return None
-    held = _held_out(result)
+    # After the fitted samples, else of all.
+    samples, rate = len(result.prepared.samples), log.recording.rate
+    first = result.part.stop if samples - result.part.stop > 1 else 0
+    held = slice(first, min(samples, first + round(LONGEST * rate)))
     recording, rates = part_of(log.recording, held), log.samples.motion.dq[held.start]
     lag = next((each.value for each in result.setup if each.name == "lag"), 0.0)
     phi, drives = result.consistent().phi, result.drives_updated
@@ -119,20 +150,9 @@ def following(result: Estimate) -> Following | None:
         return None
     measured = recording.of_joints(mechanism.tree.joints, "position")
     turns = {body.joint: body.turns for body in mechanism.tree.bodies if body.joint}
-    return Following(
-        joints=mechanism.tree.joints,
-        units=tuple("rad" if turns[joint] else "m" for joint in mechanism.tree.joints),
-        before=np.sqrt(((before - measured) ** 2).mean(axis=0)),
-        after=np.sqrt(((after - measured) ** 2).mean(axis=0)),
-        seconds=float(np.ptp(recording.time)),
-    )
-
-
-def _held_out(result: Estimate) -> slice:
-    """Samples of the first recording after the fitted ones, else all; at most `LONGEST` s of them."""
-    samples, rate = len(result.prepared.samples), result.prepared.recording.rate
-    first = result.part.stop if samples - result.part.stop > 1 else 0
-    return slice(first, min(samples, first + round(LONGEST * rate)))
+    units = tuple("rad" if turns[joint] else "m" for joint in mechanism.tree.joints)
+    old, new = (np.sqrt(((q - measured) ** 2).mean(axis=0)) for q in (before, after))
+    return Following(mechanism.tree.joints, units, old, new, float(np.ptp(recording.time)))
 
 
 def part_of(recording: Recording, part: slice) -> Recording:
@@ -178,7 +198,10 @@ def prepare(
         log = read_log(angles_path, arm, columns, gaps=gaps, limit=limit)
     log = replace(log, notes=(*notes, *log.notes))
     if person is not None:
-        log = replace(log, notes=(*log.notes, _of_person(arm, person)))
+        bodies = ", ".join(name for name in arm.bodies if name in arm.prior_known)
+        whose = f"a {person.sex} person of {person.mass:g} kg and {person.height:g} m"
+        note = f"The model's {bodies} are taken from the table '{person.table}', of {whose}."
+        log = replace(log, notes=(*log.notes, note))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
     tree = ready.mechanism.tree
     moved = [tree.bodies[i] for i in tree.moving]
@@ -196,10 +219,3 @@ def read_mechanism(
     """Reads a model, arguments as for `prepare`."""
     arm = mechanism(source, **model)
     return arm if person is None else with_person(arm, person, read_segments(columns) if columns else None)
-
-
-def _of_person(arm: Mechanism, person: Person) -> str:
-    """A sentence on the person and the table of the prior's bodies."""
-    bodies = ", ".join(name for name in arm.bodies if name in arm.prior_known)
-    whose = f"a {person.sex} person of {person.mass:g} kg and {person.height:g} m"
-    return f"The model's {bodies} are taken from the table '{person.table}', of {whose}."

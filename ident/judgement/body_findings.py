@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.separation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
@@ -137,7 +137,7 @@ def _none_near(moved: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _moves(moved: Sequence[Mapping[str, Any]]) -> str:
-    each = listed(f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved)
+    each = listed((f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved), "parameters")
     return f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
 
 
@@ -146,13 +146,13 @@ def _of(body: str | None) -> str:
 
 
 def _rotors_apart(rotors: Mapping[str, float]) -> str:
-    each = listed(f"{name} {x:.3g}" for name, x in rotors.items())
+    each = bracketed(rotors, "rotors")
     return f"No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: {each}."
 
 
 def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
-        each = listed(f"{body} {_mass(**x)}" for body, x in masses.items())
+        each = listed((f"{body} {_mass(**x)}" for body, x in masses.items()), "bodies")
         return f"{beginning.format(factor=factor)}: {each}.{end}"
 
     return Row(sentence, doubt=False)
@@ -168,7 +168,7 @@ def _mass(mass: float, lower: float | None, upper: float | None, model: float) -
 
 def _rotor(what: str) -> Row:
     def sentence(joints: Mapping[str, str]) -> str:
-        each = listed(f"{body} (joint {joint})" for body, joint in joints.items())
+        each = listed((f"{body} (joint {joint})" for body, joint in joints.items()), "bodies")
         return f"Rotor inertia may explain the masses of {each}. {what}"
 
     return Row(sentence, doubt=False)

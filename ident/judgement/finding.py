@@ -12,7 +12,10 @@ from ident.estimation.setup_parameters import SetupParameter
 from ident.trajectory.result import TrajectoryEstimate
 
 NAMED = 4
-"""Largest number of names in a title, and of parameters, bodies or channels that a sentence names; more are counted."""
+"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
+
+WORDS = 7
+"""Largest number of words in a title."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,8 @@ class Row:
         """The sentence with these values."""
         if not isinstance(self.template, str):
             return self.template(**values)
-        return self.template.format(**{k: listed(x) if isinstance(x, list | tuple) else x for k, x in values.items()})
+        texts = {k: listed(x, k) if isinstance(x, list | tuple) else x for k, x in values.items()}
+        return self.template.format(**texts)
 
 
 FINDINGS: dict[str, Row] = {}
@@ -80,6 +84,7 @@ TITLES = {
     "unchecked": "could not be checked",
     "friction_not_fitted": "friction is left out",
     "low_velocity_friction": "torques count less at low velocity",
+    "smooth_coulomb_friction": "smooth Coulomb friction",
     "body_not_carried": "a body that was not carried",
     "channels_late": "channels late against others",
     "own_in_logs": "friction or offsets differ between logs",
@@ -137,10 +142,11 @@ class Finding:
 
     @property
     def title(self) -> str:
-        """About seven words: what it says, and what it is about if that has few names."""
+        """At most `WORDS` words: what it says, and what it is about if these names are few enough."""
         words = TITLES.get(self.code, self.code.replace("setup", "set-up").replace("_", " "))
         names = [*self.place.channels, *self.place.wrenches, *self.place.joints, *self.place.bodies]
-        return words[0].upper() + words[1:] + (f": {listed(names)}" if 0 < len(names) <= NAMED else "")
+        words, about = words[0].upper() + words[1:], f": {listed(names, 'places')}"
+        return words + about * (0 < len(names) <= NAMED and len((words + about).split()) <= WORDS)
 
     @property
     def line(self) -> str:
@@ -181,19 +187,25 @@ def line_of(text: str, doubt: bool) -> str:
     return f"  {'!' if doubt else '-'} {text}"
 
 
-def listed(names: Iterable[str]) -> str:
-    """Names with commas between them."""
-    return ", ".join(names)
+def listed(names: Iterable[str], what: str = "") -> str:
+    """Names with commas between them, or how many of `what` they are if more than `NAMED`.
+
+    >>> listed("abc", "joints"), listed("abcde", "joints")
+    ('a, b, c', '5 joints')
+    """
+    every = [*names]
+    return f"{len(every)} {what}" if what and len(every) > NAMED else ", ".join(every)
 
 
-def bracketed(values: Mapping[str, float], form: str = ".3g") -> str:
-    """Names with commas between them, each with its number in brackets."""
+def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:
+    """Names with commas between them, each with its number in brackets, or how many and the range of their numbers.
+
+    >>> bracketed({"a": 1.0, "b": 0.25}, "joints"), bracketed(dict(zip("abcde", range(5))), "joints")
+    ('a (1), b (0.25)', '5 joints (0 to 4)')
+    """
+    if len(values) > NAMED:
+        return f"{len(values)} {what} ({min(values.values()):{form}} to {max(values.values()):{form}})"
     return listed(f"{name} ({value:{form}})" for name, value in values.items())
-
-
-def followed(values: Mapping[str, float], form: str = ".2g") -> str:
-    """Names with commas between them, each followed by its number."""
-    return listed(f"{name} {value:{form}}" for name, value in values.items())
 
 
 def in_log(log: int | None) -> str:

@@ -132,18 +132,17 @@ def _not_converged(status: str, rounds: int) -> str:
 
 
 def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
-    still = (
-        f" It still predicts log {listed(map(str, best))} best, or about as well as other candidates." if best else ""
-    )
-    each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
+    names = listed((f"log {log}" for log in best), "logs")
+    still = f" It still predicts {names} best, or about as well as other candidates." * bool(best)
+    each = bracketed({f"log {log}": z for log, z in zip(logs, rms_z, strict=True)}, "logs", ".1f")
     return (
         "Logs disagree on the base parameters, in root mean square standard deviations of the noise: "
-        f"log {each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
+        f"{each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
     )
 
 
 def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
-    each = listed(f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items())
+    each = listed((f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items()), "of them")
     return (
         f"Friction and offsets differ between logs, so that each log has its own: {each}. Other logs are predicted "
         "with their means."
@@ -151,7 +150,7 @@ def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
 
 
 def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed(f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items())
+    each = listed((f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints")
     return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
 
 
@@ -232,7 +231,7 @@ def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, 
 
 def _ratios(what: str, do: str = "", *, doubt: bool) -> Row:
     def sentence(ratios: Mapping[str, float], part: str) -> str:
-        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios)}.{do}"
+        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios, 'channels')}.{do}"
 
     return Row(sentence, doubt)
 
@@ -243,7 +242,7 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
         times = least if least == most else f"{least} to {most}"
         what = f"In all channels the residual is far above the fast noise of the sensors, {times} times."
     else:
-        each = listed(f"{channel} {_times(factor)} times" for channel, factor in factors.items())
+        each = listed((f"{channel} {_times(factor)} times" for channel, factor in factors.items()), "channels")
         what = f"The residual is far above the fast noise of the sensors: {each}."
     return (
         f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "

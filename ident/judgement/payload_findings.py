@@ -199,9 +199,10 @@ def _unknown(identifiable: np.ndarray) -> list[str]:
 
 def _unexplained(ratios: Mapping[str, float]) -> str:
     return (
-        f"Neither weight nor motion explain the forces, residual over signal in brackets: {bracketed(ratios, '.2f')}. "
-        "The controller may have taken a load out, the sensor may have been tared on the way, or something touches it. "
-        "Record raw readings: set the controller's payload to 0 kg and do not tare."
+        "Neither weight nor motion explain the forces, residual over signal in brackets: "
+        f"{bracketed(ratios, 'channels', '.2f')}. The controller may have taken a load out, the sensor may have "
+        "been tared on the way, or something touches it. Record raw readings: set the controller's "
+        "payload to 0 kg and do not tare."
     )
 
 

@@ -218,8 +218,9 @@ def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kep
 
 def _coarse(steps: Sequence[Mapping[str, Any]]) -> str:
     return (
-        f"Recorded in steps that are most of the noise: {listed(_step_in_words(**each) for each in steps)}. Use a "
-        "finer range of the sensor, or write more digits."
+        "Recorded in steps that are most of the noise: "
+        f"{listed((_step_in_words(**each) for each in steps), 'columns')}. Use a finer range of the sensor, or "
+        "write more digits."
     )
 
 
@@ -231,12 +232,10 @@ def _step_in_words(name: str, joint: bool, step: float, unit: str) -> str:
 
 
 def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
-    each = listed(
-        f"{name} ({value:g}{' in what is fitted' if name in in_fitted else ''})" for name, value in channels.items()
-    )
+    each = (f"{name} ({value:g}{' in what is fitted' * (name in in_fitted)})" for name, value in channels.items())
     return (
-        f"Stuck at one value, though the model predicts a change, and so left out: {each}. Mend the sensor, or map "
-        'columns that are not connected as missing, by "" in --columns.'
+        f"Stuck at one value, though the model predicts a change, and so left out: {listed(each, 'channels')}. Mend "
+        'the sensor, or map columns that are not connected as missing, by "" in --columns.'
     )
 
 
@@ -255,8 +254,8 @@ def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str
     reasons = {
         "no gravity": "the model has no gravity",
         "no force": "no force is measured",
-        "not measured": f"it shows in {listed(channels)} of the sensor, not measured here",
-        "not fitted": f"it shows in {listed(channels)}, not fitted here",
+        "not measured": f"it shows in {listed(channels, 'channels')} of the sensor, not measured here",
+        "not fitted": f"it shows in {listed(channels, 'channels')}, not fitted here",
         "error": error,
     }
     return f"{checks[check]} could not be checked: {reasons[reason]}."

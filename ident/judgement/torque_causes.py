@@ -134,30 +134,30 @@ def _friction(evidence: Evidence, channels: Container[str]) -> Iterator[float]:
 
 
 def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
-    each = listed(
+    shares = (
         f"{joint} {percent(x['inertia'], 1)} ± {percent(x['inertia_std'], 1)} ({percent(x['weight'])})"
         for joint, x in joints.items()
     )
     return (
         "Motion that the torques do not explain. Share of the model's inertia in them, with that of its weight in "
-        f"brackets: {each}. A hand or something else moves the joints, or the torques are commands that something "
-        "overrides. Record motion by the motors alone."
+        f"brackets: {listed(shares, 'joints')}. A hand or something else moves the joints, or the torques are commands "
+        "that something overrides. Record motion by the motors alone."
     )
 
 
 def _loop(loop: str, joints: Sequence[str]) -> str:
     names = " ".join(joints)
     return (
-        f"The coupling '{loop}' acts on the torques of {listed(joints)}, but the equations leave it out. Take these "
-        f"torques away, --leave-out {names}; the wrench at the base is not affected."
+        f"The coupling '{loop}' acts on the torques of {listed(joints, 'joints')}, but the equations leave it out. "
+        f"Take these torques away, --leave-out {names}; the wrench at the base is not affected."
     )
 
 
 def _computed(joints: Sequence[str], largest: float) -> str:
     return (
-        f"Torques are explained to {100 * largest:.1g} % without friction ({listed(joints)}): they are computed, "
-        "simulated, or measured behind the gears. Computed ones repeat the controller's model: record currents or "
-        "measured torques."
+        f"Torques are explained to {100 * largest:.1g} % without friction ({listed(joints, 'joints')}): they are "
+        "computed, simulated, or measured behind the gears. Computed ones repeat the controller's model: record "
+        "currents or measured torques."
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.noise import coefficient_unit
 from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -177,52 +177,54 @@ def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
     or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
     return (
-        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains)}. Check their unit, "
-        f"gear ratio and motor constant.{or_load}"
+        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains, 'joints')}. Check "
+        f"their unit, gear ratio and motor constant.{or_load}"
     )
 
 
 def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
+    each = listed((f"{joint} {percent(share)}" for joint, share in shares.items()), "joints")
     return (
-        "Friction is likely and was not fitted. It would explain these shares of the residuals' variance: "
-        f"{listed(f'{joint} {percent(share)}' for joint, share in shares.items())}. Fit it: --drive {' '.join(drives)}."
+        f"Friction is likely and was not fitted. It would explain these shares of the residuals' variance: {each}. "
+        f"Fit it: --drive {' '.join(drives)}."
     )
 
 
 def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
-    limits = listed(f"{most:.2g} {units[name]}" for name, most in at_most.items())
+    each = listed((f"{name} (at most {most:.2g} {units[name]})" for name, most in at_most.items()), "drives")
     return (
-        f"{listed(at_most)} {'is at its' if len(at_most) == 1 else 'are at their'} bound of zero: at most {limits} "
-        "(95 %). Intervals of other parameters are those with the drive free."
+        f"At {'its' if len(at_most) == 1 else 'their'} bound of zero, 95 % limits in brackets: {each}. Intervals of "
+        "other parameters are those with the drive free."
     )
 
 
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
         f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
-        f"below, in rad/s (m/s): {followed(velocities)}. Residual over signal there: "
-        f"{followed(at_rest) or 'there are no such samples'}."
+        f"below, in rad/s (m/s): {bracketed(velocities, 'joints', '.2g')}. Residual over signal there: "
+        f"{bracketed(at_rest, 'joints', '.2g') if at_rest else 'there are no such samples'}."
     )
 
 
 def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
     return (
-        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {followed(velocities)}. It is fitted "
-        "and predicted as Fc tanh(q̇ / v)."
+        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): "
+        f"{bracketed(velocities, 'joints', '.2g')}. It is fitted and predicted as Fc tanh(q̇ / v)."
     )
 
 
 def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
     fixed = " and ".join(fixed_by)
     return (
-        f"The scale of the torques of {listed(joints)} was estimated. It is fixed by "
+        f"The scale of the torques of {listed(joints, 'joints')} was estimated. It is fixed by "
         f"{fixed or 'the stated one alone: masses, friction and rotors are as uncertain as that'}."
     )
 
 
 def _low_velocity(values: Mapping[str, float]) -> str:
     return (
-        f"Friction is higher at low velocity, in N m (N): {followed(values)}. It was fitted as Stribeck friction, Fs."
+        f"Friction is higher at low velocity, in N m (N): {bracketed(values, 'joints', '.2g')}. It was fitted as "
+        "Stribeck friction, Fs."
     )
 
 

@@ -113,9 +113,7 @@ class Precision:
     def _of_masses(self) -> str:
         """Sentence on the masses that are determined."""
         if self.weighed:
-            few = len(self.weighed) <= NAMED
-            names = listed(self.weighed) if few else f"{len(self.weighed)} of {len(self.bodies)} bodies"
-            return f"It determines the mass of {names}."
+            return f"It determines the mass of {listed(self.weighed, f'of {len(self.bodies)} bodies')}."
         if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
             value, std = rounded(self.mass.value, self.mass.std_setup)
             return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
@@ -200,7 +198,7 @@ class Verdict(Worded):
 
     @property
     def brief(self) -> str:
-        """The decision's reason in a sentence of at most 20 words, unless names are longer."""
+        """The decision's reason in a sentence of at most 20 words."""
         if not self.predicted:
             return "It predicts no channel; check names, units and signs of the columns."
         if self.doubts:
@@ -208,8 +206,8 @@ class Verdict(Worded):
             return f"{speak} against it; it predicts {self.channels}."
         if self.outcome is Outcome.PARTLY:
             return f"It predicts {self.channels}; use it for nothing else."
-        but = ", single parameters are uncertain" if self.precision is not None and self.precision.poor else ""
-        most = max(self.predicted.values())
+        poor = self.precision is not None and self.precision.poor and not self.missed
+        but, most = ", single parameters are uncertain" * poor, max(self.predicted.values())
         return f"It predicts {self.channels}; {self.part} residuals are at most {most:.2g} of the signal{but}."
 
     @property
@@ -244,8 +242,9 @@ class Verdict(Worded):
         else:
             yield from self._use()
         if self.idle:
-            of = {why: listed(c for c, own in self.idle.items() if own == why) for why in self.idle.values()}
-            yield f"Not counted: {listed(f'{names} ({IDLE[why]})' for why, names in of.items())}."
+            of = {why: [c for c, own in self.idle.items() if own == why] for why in self.idle.values()}
+            each = (f"{listed(names, 'channels')} ({IDLE[why]})" for why, names in of.items())
+            yield f"Not counted: {listed(each)}."
 
     def _part(self) -> str:
         """Sentence on what a partly usable estimate may be used for."""
@@ -298,6 +297,5 @@ ON_BODIES: Sequence[Callable[[Evidence], Iterator[Finding]]] = (mass_findings, c
 
 
 def findings(evidence: Evidence) -> list[Finding]:
-    """All findings on the fit, the doubts first, and then those on the updated model."""
-    on_fit, on_bodies = ([each for judge in judges for each in judge(evidence)] for judges in (ON_FIT, ON_BODIES))
-    return [*doubts_first(on_fit), *on_bodies]
+    """All findings, the doubts first, then those on the fit, and then those on the updated model."""
+    return doubts_first(each for judge in (*ON_FIT, *ON_BODIES) for each in judge(evidence))

@@ -152,7 +152,9 @@ def _offset(channel: str, value: float, std: float, unit: str) -> str:
 
 
 def _large(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float]) -> str:
-    each = listed(f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items())
+    each = listed(
+        (f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items()), "channels"
+    )
     return (
         "Constant offsets are large, in brackets relative to the model's weight, or to its moment at the mechanism's "
         f"reach: {each}. Tare the sensor, and check the model's mass and gravity, and unmeasured supports."
@@ -168,7 +170,7 @@ def _not_fitted(offsets: Mapping[str, Sequence[Any]]) -> str:
 
 
 def _all(offsets: Mapping[str, Sequence[Any]]) -> str:
-    return listed(_offset(channel, *offset) for channel, offset in offsets.items())
+    return listed((_offset(channel, *offset) for channel, offset in offsets.items()), "channels")
 
 
 FINDINGS.update(

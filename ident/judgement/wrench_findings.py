@@ -127,9 +127,9 @@ def _frame(
 def _mirrored(wrench: str, components: Sequence[str]) -> str:
     one = len(components) == 1
     return (
-        f"{listed(components)} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the opposite sign is "
-        f"far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} gain = -1 in the "
-        "columns file."
+        f"{listed(components, 'components')} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the "
+        f"opposite sign is far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} "
+        "gain = -1 in the columns file."
     )
 
 
@@ -152,8 +152,8 @@ def _unmeasured(start: float, end: float, carries: float, body: str | None, log:
 
 def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
     return (
-        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels)}. Leave them "
-        f"out: --leave-out {' '.join(channels)}."
+        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels, 'channels')}. "
+        f"Leave them out: --leave-out {' '.join(channels)}."
     )
 
 

@@ -21,11 +21,9 @@ standard deviation."""
 LEAST, MOST = 1e-9, 1e6
 """Range of the damping, m²/rad²: the least keeps normal equations solvable, beyond the most no step lowers the cost."""
 
-LONGEST = 0.5
-"""Longest step of a degree of freedom in rad or m; beyond it the positions are not linear."""
-
 STARTS = 8
-"""Number of starts: the reference configuration, and random ones."""
+"""Number of starts: the reference configuration, and random ones. Of 25 postures of the humanoid over the whole ranges
+of its joints one start missed 13, two missed 3, and eight none."""
 
 WIDTH = 0.5
 """Width of the random starts: share of a joint's range, or angle in rad if it has none."""
@@ -135,9 +133,7 @@ def _step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarra
     damped = normal.copy()
     damped.flat[:: len(normal) + 1] += damping
     _, step, fault = lapack.dposv(damped, gradient)
-    if fault:
-        step = np.linalg.lstsq(damped, gradient, rcond=None)[0]
-    return step * min(1.0, LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+    return np.linalg.lstsq(damped, gradient, rcond=None)[0] if fault else np.asarray(step)
 
 
 def _cost(w: np.ndarray, residual: np.ndarray) -> float:

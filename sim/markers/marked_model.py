@@ -110,12 +110,15 @@ def marked_model(
     else:
         spec = specification(source)
     short_labels = _without_subject(labels)
-    _check_labels(places, labels, short_labels)
+    if unknown := [label for label in places if label not in (*labels, *short_labels.values())]:
+        raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {listed(labels)}.")
     places = {full: places.get(full) or places.get(own) or MarkerPlace(own) for full, own in short_labels.items()}
     names = _add_sites(spec, places)
     model = compiled(spec)
     ids = {name_of(model, _SITE, s): s for s in range(model.nsite)}
-    _check_sites(ids, places, short_labels)
+    for label, place in places.items():
+        if place.site and place.site != short_labels[label] and place.site not in ids:
+            raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {listed(ids)}.")
     used = [label for label in labels if names[label] in ids]
     if not used:
         raise InputError(
@@ -156,12 +159,6 @@ def _without_subject(labels: Sequence[str]) -> dict[str, str]:
     return {label: label.rpartition(":")[2] if cut else label for label in labels}
 
 
-def _check_labels(places: Mapping[str, MarkerPlace], labels: Sequence[str], short_labels: Mapping[str, str]) -> None:
-    known = {*labels, *short_labels.values()}
-    if unknown := [label for label in places if label not in known]:
-        raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {listed(labels)}.")
-
-
 def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, MarkerPlace]) -> dict[str, str]:
     """Adds sites at positions on bodies, and returns the names of all sites by label."""
     names, bodies = {}, {body.name: body for body in spec.bodies}
@@ -178,13 +175,6 @@ def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, MarkerPlace]) -> dict[s
             bodies[place.body].add_site(name=name, pos=place.position)
             names[label] = name
     return names
-
-
-def _check_sites(ids: Mapping[str, int], places: Mapping[str, MarkerPlace], short_labels: Mapping[str, str]) -> None:
-    """Refuses named sites that do not exist."""
-    for label, place in places.items():
-        if place.site and place.site != short_labels[label] and place.site not in ids:
-            raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {listed(ids)}.")
 
 
 def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[FollowingJoint, ...]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ident.geometry.inertia import parameters_from_com, pseudo_inertia
+from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.mechanism.drives import Drive
 from sim.models.notes import body_name, note, refusals
 
@@ -80,6 +80,14 @@ def shortened(mass: float, center: np.ndarray, inertia: np.ndarray) -> tuple[flo
     m, c, inertia_c = (x.round(k) + 0.0 for x, k in zip(parts, decimals, strict=True))
     physical = is_physical(parameters_from_com(float(m), c, inertia_c))
     return (float(m), c, inertia_c) if physical else (mass, center, inertia)
+
+
+def stated_parts(phi: np.ndarray, *, short: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass, and inertia about it of φ (10,), zeros for a body without mass; perhaps `shortened`."""
+    if not phi[0]:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    parts = com_from_parameters(phi)
+    return shortened(*parts) if short else parts
 
 
 def bodies_in_order(root: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:

@@ -180,6 +180,13 @@ def _has_more(model: mujoco.MjModel, j: int) -> bool:
 ATTRIBUTES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor", "stiffness": "stiffness"}
 """Attributes of a joint in MJCF, and those of a `Drive`."""
 
+
+def stated_at(model: mujoco.MjModel, key: str, j: int) -> tuple[np.ndarray, int]:
+    """Array of a compiled model with one of `ATTRIBUTES`, and the place of a joint's first number in it."""
+    of_joint = key == "stiffness"
+    return getattr(model, f"{'jnt' if of_joint else 'dof'}_{key}"), j if of_joint else int(model.jnt_dofadr[j])
+
+
 DYNAMICS = {"damping": "damping", "frictionloss": "friction"}
 """Attributes of `<dynamics>` in URDF by those of MJCF."""
 
@@ -201,7 +208,7 @@ def changed_drives(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[i
         if not (given := [drives[name] for name in own if name in drives]):
             continue
         new = {key: float(np.mean([getattr(each, of) for each in given])) for key, of in ATTRIBUTES.items()}
-        old = _stated(model, j)
+        old = {key: float(np.ravel(array[at])[0]) for key in new for array, at in [stated_at(model, key, j)]}
         if values := {key: x for key, x in new.items() if abs(x - old[key]) > SAME * max(abs(x), abs(old[key]))}:
             changed[j] = values
     return changed
@@ -230,15 +237,6 @@ def state_servos(root: ET.Element, changed: Mapping[int, tuple[float, float]]) -
             actuators[a].attrib |= {"kp": digits([kp]), "kv": digits([kv])}
         else:
             actuators[a].attrib |= {"gainprm": digits([kp]), "biasprm": digits([0, -kp, -kv])}
-
-
-def _stated(model: mujoco.MjModel, j: int) -> dict[str, float]:
-    """Values of `ATTRIBUTES` of a joint in a compiled model."""
-    dof = int(model.jnt_dofadr[j])
-    of_dofs = {"damping": model.dof_damping, "frictionloss": model.dof_frictionloss, "armature": model.dof_armature}
-    return {key: float(np.ravel(x[dof])[0]) for key, x in of_dofs.items()} | {
-        "stiffness": float(np.ravel(model.jnt_stiffness[j])[0])
-    }
 
 
 def state_drives(root: ET.Element, changed: Mapping[int, Mapping[str, float]]) -> None:

@@ -180,36 +180,27 @@ def mechanism(
     if is_opensim(source):
         arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix, drives=drives)
     else:
-        arm = _from_mujoco(source, base, beyond, ignore, fix, packages, drives=drives)
+        text = None if isinstance(source, mujoco.MjModel) else source
+        origin = Origin(compiled(source, packages), text, base, tuple(beyond), tuple(map(Path, packages)))
+        arm = _from_mujoco(origin, ignore, checked_coordinates("fix", fix or ()), drives=drives)
     arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
     note_units(arm)
     return _with_merged_welds(arm) if merge_welds else arm
 
 
 def _from_mujoco(
-    source: Source,
-    base: str | None,
-    beyond: Sequence[str],
-    ignore: Collection[str],
-    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None,
-    packages: Sequence[str | Path],
-    *,
-    drives: bool,
+    origin: Origin, ignore: Collection[str], fix: Mapping[str, Sequence[float]], *, drives: bool
 ) -> Mechanism:
     """Mechanism of a model that MuJoCo reads."""
-    model = compiled(source, packages)
+    model, base, beyond = origin.model, origin.base, origin.beyond
     members = mechanism_bodies(model, base, beyond)
     tree = tree_from_model(model, base, beyond, ignore=ignore, fix=fix)
     prior = parameters_from_model(model, base, beyond) if model.body_mass[members].any() else None
-    sites = _sites(model, members)
-    text = None if isinstance(source, mujoco.MjModel) else source
-    origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
-    gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    geared = transmissions(source) if drives and isinstance(source, str | Path) else {}
+    geared = transmissions(origin.text) if drives and isinstance(origin.text, str | Path) else {}
     driven = drives_of_model(model, tree.freedoms, geared) if drives else {}
-    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=driven)
-    stated = {joint: np.array(q) for joint, q in checked_coordinates("fix", fix or ()).items() if q}
-    posture = rest_coordinates(model, base, beyond) | stated
+    gravity, pose = gravity_in_base(model, base), base_pose(model, base)
+    arm = Mechanism(tree, gravity, prior, _sites(model, members), _ranges(model, tree), origin, pose, drives=driven)
+    posture = rest_coordinates(model, base, beyond) | {joint: np.array(q) for joint, q in fix.items() if q}
     constraints = constraints_of(model, tree, ignore, posture).checked(tree)
     held = {row.name for row in constraints.rows}
     loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}

@@ -14,7 +14,7 @@ from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
-from ident.geometry.inertia import com_from_parameters, entries
+from ident.geometry.inertia import entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import (
@@ -26,7 +26,7 @@ from sim.models.inertials import (
     is_physical,
     overrides,
     set_inertials,
-    shortened,
+    stated_parts,
 )
 from sim.models.model_drives import SAME, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
@@ -199,7 +199,7 @@ def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray) -> dict[int
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
     for b, own in members.items():
         _check_physical(origin, b, own)
-        inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
+        inertials[b] = inertial_of(*stated_parts(own))
     return inertials
 
 
@@ -226,7 +226,7 @@ def _mjcf(origin: Origin, update: Update, folder: Path) -> bytes:
         source_text = Path(str(source)).read_bytes()
     members = {b: own for b, own in _members(origin, update.phi).items() if own.any()}
     texts = {b: update.comments.get(body_name(origin.model, b)) for b in members}
-    noted = {b: (text, shortened(*com_from_parameters(members[b]))) for b, text in texts.items() if text is not None}
+    noted = {b: (text, stated_parts(members[b], short=True)) for b, text in texts.items() if text is not None}
     _state(root, inertials, noted)
     _displace(root, spec, {origin.model.body(name).id: shift for name, shift in update.displaced.items()})
     state_drives(root, changed)

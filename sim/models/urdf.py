@@ -1,7 +1,7 @@
 """MuJoCo models from URDF files: links as they are, meshes that may be missing, mimic joints, and transmissions."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
@@ -57,7 +57,11 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
                 f"{path}: joint '{name}' has to mimic one other joint out of "
                 f"{', '.join(each for each in single if each != name) or 'none'}, not {' and '.join(map(repr, leads))}."
             )
-        mimics[name] = leads[0], _finite_of(path, name, own[0], "multiplier"), _finite_of(path, name, own[0], "offset")
+        multiplier, offset = (
+            _finite(own[0].get(key) or usual, f"{path}: the mimic of joint '{name}' needs a finite {key}")
+            for key, usual in (("multiplier", "1"), ("offset", "0"))
+        )
+        mimics[name] = leads[0], multiplier, offset
     if astray:
         each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
         note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
@@ -67,14 +71,14 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     return mimics
 
 
-def _finite_of(path: Path, name: str, element: ET.Element, key: str) -> float:
-    text = element.get(key) or {"multiplier": "1", "offset": "0"}[key]
+def _finite(stated: str, needed: str, *, zero: bool = True) -> float:
+    """A finite number of a file; `needed` says what is, if it is none, or zero where that is not allowed."""
     try:
-        value = float(text)
+        value = float(stated)
     except ValueError:
         value = float("nan")
-    if not isfinite(value):
-        raise ModelError(f"{path}: the mimic of joint '{name}' needs a finite {key}, got '{text}'.")
+    if not isfinite(value) or not (value or zero):
+        raise ModelError(f"{needed}, got '{stated}'.")
     return value
 
 
@@ -89,13 +93,6 @@ def _chained(mimics: Mapping[str, tuple[str, float, float]], name: str) -> str:
             write = f'<mimic joint="{lead}" multiplier="{gain:.6g}" offset="{shift:.6g}"/>'
             return f"joint '{name}' mimics '{first}', which mimics another joint itself; write {write}."
     return f"joint '{name}' mimics '{first}', which follows from '{name}' in turn; leave one <mimic> out."
-
-
-def add_mimics(spec: mujoco.MjSpec, mimics: Mimics) -> None:
-    """Adds mimic joints to a specification, as equality constraints with their joints' names."""
-    for name, (lead, multiplier, offset) in mimics.items():
-        each = spec.add_equality(name=f"mimic_{name}", type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=lead)
-        each.data[:5] = offset, multiplier, 0, 0, 0
 
 
 def transmissions(path: str | Path) -> dict[str, tuple[Actuator, ...]]:
@@ -121,25 +118,12 @@ def transmissions(path: str | Path) -> dict[str, tuple[Actuator, ...]]:
 
 def _reduction(path: str | Path, transmission: ET.Element) -> float:
     """Reduction of a transmission, 1 if it states none."""
-    stated = next(_reductions(transmission), "1")
-    try:
-        value = float(stated)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value) or value == 0:
-        raise ModelError(
-            f"{path}: transmission '{transmission.get('name', '')}' needs a reduction that is a finite number other "
-            f"than 0, got '{stated}'."
-        )
-    return value
-
-
-def _reductions(transmission: ET.Element) -> Iterator[str]:
-    """Yields the texts of a transmission's reductions."""
-    for element in (transmission, *transmission.findall("actuator"), *transmission.findall("joint")):
-        for tag in REDUCTIONS:
-            if text := (element.findtext(tag) or "").strip():
-                yield text
+    parts = (transmission, *transmission.findall("actuator"), *transmission.findall("joint"))
+    texts = ((part.findtext(tag) or "").strip() for part in parts for tag in REDUCTIONS)
+    needed = "needs a reduction that is a finite number other than 0"
+    return _finite(
+        next(filter(None, texts), "1"), f"{path}: transmission '{transmission.get('name', '')}' {needed}", zero=False
+    )
 
 
 def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, meshes: bool = True) -> mujoco.MjSpec:
@@ -187,7 +171,9 @@ def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, me
     links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
     with refusals(path):
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    add_mimics(spec, mimics)
+    for name, (lead, multiplier, offset) in mimics.items():
+        equality = spec.add_equality(name=f"mimic_{name}", type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=lead)
+        equality.data[:5] = offset, multiplier, 0, 0, 0
     # MuJoCo 3.3 ignores the inertia's rpy, and computes principal axes to six digits only.
     ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
     set_inertials(spec, {ids[name]: _stated(path, link) for name, link in links.items() if name in ids})

@@ -88,7 +88,8 @@ class _Meshes:
         for mesh in part.iter("mesh"):
             name = mesh.get("filename", "")
             if name not in self._files:
-                self._files[name] = self._place(name)
+                there = (file.absolute() for file in self._candidates(name) if _is_file(file))
+                self._files[name] = next(there, None)
             file = self._files[name]
             fault = "" if file is None else self._fault(file, mesh.get("scale", ""))
             if file is None or fault:
@@ -97,10 +98,6 @@ class _Meshes:
                 return False
             mesh.set("filename", str(file))
         return True
-
-    def _place(self, name: str) -> Path | None:
-        """File of a mesh, None if it is not found."""
-        return next((file.absolute() for file in self._candidates(name) if _is_file(file)), None)
 
     def _candidates(self, name: str) -> Iterator[Path]:
         """Candidate files for a name, the most likely first."""

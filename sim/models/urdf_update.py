@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.geometry.inertia import com_from_parameters
-from sim.models.inertials import Update, shortened
+from sim.models.inertials import Update, shortened, stated_parts
 from sim.models.model_drives import SAME
 from sim.models.xml_files import Edit, Element, digits, edited, root_of, text_of, with_comment
 
@@ -83,7 +82,7 @@ def _edits(data: bytes, link: Element, phi: np.ndarray, comment: str) -> Iterato
     inertial = link.child("inertial")
     if not phi[0] and inertial is None:
         return
-    mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
+    mass, center, inertia = stated_parts(phi)
     R = _axes(inertial)
     inertia = R.T @ inertia @ R
     if comment and phi[0]:

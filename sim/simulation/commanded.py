@@ -1,7 +1,6 @@
 """Simulation of a model whose joints follow recorded commands through their servos."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -10,7 +9,7 @@ from ident.errors import InputError
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
-from sim.models.model_drives import changed_drives
+from sim.models.model_drives import changed_drives, stated_at
 from sim.models.model_mechanism import mujoco_origin
 from sim.models.model_update import updated_spec
 from sim.models.notes import joint_name, without_log
@@ -28,42 +27,6 @@ DIVERGED = (
     int(mujoco.mjtWarning.mjWARN_BADQACC),
 )
 """Warnings after which MuJoCo starts again from the model's own coordinates."""
-
-
-@dataclass(frozen=True, eq=False)
-class Driven:
-    """A model under the servos of a recording, without contacts and without its own actuators.
-
-    Attributes:
-        model: The compiled model.
-        qpos: Addresses of the joints' coordinates (n,).
-        dof: Addresses of their velocities (n,).
-        kp: Stiffness of the servos (n,); their damping is the model's.
-    """
-
-    model: mujoco.MjModel
-    qpos: np.ndarray
-    dof: np.ndarray
-    kp: np.ndarray
-
-    def followed(self, commands: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """Coordinates at the samples (N, n); NaN once they diverge.
-
-        Args:
-            commands: Acting commands in every time step of the model between two samples (N, steps, n).
-            q: Coordinates at the first sample (n,).
-            dq: Velocities there (n,).
-        """
-        data, out = mujoco.MjData(self.model), np.full((len(commands), len(q)), np.nan)
-        data.qpos[self.qpos], data.qvel[self.dof] = q, dq
-        for k, own in enumerate(commands):
-            if not np.abs(data.qpos[self.qpos]).max() < FARTHEST or any(data.warning[w].number for w in DIVERGED):
-                break
-            out[k] = data.qpos[self.qpos]
-            for command in own:
-                data.qfrc_applied[self.dof] = self.kp * (command - data.qpos[self.qpos])
-                mujoco.mj_step(self.model, data)
-        return out
 
 
 @without_log()
@@ -94,12 +57,21 @@ def rolled_out(
         ModelError: The model cannot be updated.
     """
     joints = mechanism.tree.joints
-    driven = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {})
-    steps = max(1, int(np.ceil(1 / (recording.rate * min(LONGEST_STEP, driven.model.opt.timestep)))))
-    driven.model.opt.timestep = 1 / (recording.rate * steps)
-    commands = _acting(recording, joints, steps, lag)
-    q, still = recording.of_joints(joints, "position"), np.zeros(len(joints))
-    return driven.followed(commands, q[0], still if rates is None else rates)
+    model, chosen = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {})
+    steps = max(1, int(np.ceil(1 / (recording.rate * min(LONGEST_STEP, model.opt.timestep)))))
+    model.opt.timestep = 1 / (recording.rate * steps)
+    data, at, dof = mujoco.MjData(model), model.jnt_qposadr[chosen], model.jnt_dofadr[chosen]
+    data.qpos[at], data.qvel[dof] = recording.of_joints(joints, "position")[0], 0 if rates is None else rates
+    kp = np.array([recording.servos[joint].kp for joint in joints])
+    out = np.full((len(recording.time), len(joints)), np.nan)
+    for k, commands in enumerate(_acting(recording, joints, steps, lag)):
+        if not np.abs(data.qpos[at]).max() < FARTHEST or any(data.warning[w].number for w in DIVERGED):
+            break
+        out[k] = data.qpos[at]
+        for command in commands:
+            data.qfrc_applied[dof] = kp * (command - data.qpos[at])
+            mujoco.mj_step(model, data)
+    return out
 
 
 def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float) -> np.ndarray:
@@ -110,8 +82,13 @@ def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float)
     return commands[np.maximum(np.searchsorted(recording.time, time, side="right") - 1, 0)]
 
 
-def _driven(mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives: Mapping[str, Drive]) -> Driven:
-    """The model with given bodies and drives, under the servos of a recording."""
+def _driven(
+    mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives: Mapping[str, Drive]
+) -> tuple[mujoco.MjModel, list[int]]:
+    """The model with given bodies and drives, without contacts and actuators, and the ids of the joints.
+
+    The damping of the servos is the model's.
+    """
     joints = mechanism.tree.joints
     if without := [joint for joint in joints if joint not in recording.servos]:
         raise InputError(f"A simulation needs a command of every joint; {', '.join(without)} have none.")
@@ -122,22 +99,15 @@ def _driven(mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives:
         raise InputError(f"A simulation needs a command of every joint of the model; {', '.join(others)} have none.")
     chosen = [ids[joint] for joint in joints]
     dof = model.jnt_dofadr[chosen]
-    _set_drives(model, changed_drives(mujoco_origin(mechanism).model, drives))
-    servos = [recording.servos[joint] for joint in joints]
-    # As damping it is integrated implicitly, which is stable for light joints.
-    model.dof_damping[dof] += np.reshape([servo.kv for servo in servos], model.dof_damping[dof].shape)
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    kp = np.array([servo.kp for servo in servos])
-    return Driven(model, model.jnt_qposadr[chosen], dof, kp)
-
-
-def _set_drives(model: mujoco.MjModel, changed: Mapping[int, Mapping[str, float]]) -> None:
-    """Sets attributes of joints in a compiled model, by the joints' ids."""
-    arrays = {"damping": model.dof_damping, "frictionloss": model.dof_frictionloss, "armature": model.dof_armature}
-    for j, values in changed.items():
+    for j, values in changed_drives(mujoco_origin(mechanism).model, drives).items():
         for key, value in values.items():
-            array, at = (model.jnt_stiffness, j) if key == "stiffness" else (arrays[key], model.jnt_dofadr[j])
+            array, at = stated_at(model, key, j)
             array[at] = value
     # Softness of friction depends on the armature.
     mujoco.mj_setConst(model, mujoco.MjData(model))
+    # As damping it is integrated implicitly, which is stable for light joints.
+    kv = [recording.servos[joint].kv for joint in joints]
+    model.dof_damping[dof] += np.reshape(kv, model.dof_damping[dof].shape)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    return model, chosen

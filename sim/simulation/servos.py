@@ -18,40 +18,12 @@ from sim.models.mujoco_model import rest_coordinates
 from sim.models.notes import body_name, joint_name
 from sim.simulation.readings import ONE_DOF
 
+LIFT = np.array([0.0, 0.0, 0.02])
+"""Constant displacement of a hand from the desired pose of the held body, m; upwards it supports the arm."""
 
-@dataclass(frozen=True)
-class Hand:
-    """Slow deviations of a hand from the pose of the held body.
-
-    Attributes:
-        lift: Constant displacement, m; upwards it supports the arm.
-        shift: Amplitudes of the displacement along the world's axes, m.
-        shift_frequency: Their frequencies, Hz.
-        turn: Amplitudes of the rotation vector, in the axes of the held body, rad.
-        turn_frequency: Their frequencies, Hz.
-    """
-
-    lift: tuple[float, float, float] = (0.0, 0.0, 0.02)
-    shift: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    shift_frequency: tuple[float, float, float] = (0.31, 0.43, 0.53)
-    turn: tuple[float, float, float] = (0.03, 0.03, 0.03)
-    turn_frequency: tuple[float, float, float] = (0.37, 0.47, 0.61)
-
-    def poses(self, time: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses of the hand, from the desired poses of the held body.
-
-        Args:
-            time: Times in s (N,).
-            position: Desired positions of the held body, m (N, 3).
-            quaternion: Its desired orientations, w, x, y, z (N, 4).
-
-        Returns:
-            Positions and quaternions of the hand.
-        """
-        shift = np.array(self.shift) * np.sin(2 * np.pi * np.outer(time, self.shift_frequency))
-        turn = np.array(self.turn) * np.sin(2 * np.pi * np.outer(time, self.turn_frequency))
-        turned = Rotation.from_quat(quaternion, scalar_first=True) * Rotation.from_rotvec(turn)
-        return position + np.array(self.lift) + shift, turned.as_quat(scalar_first=True)
+SHIFT, TURN = (0.01, (0.31, 0.43, 0.53)), (0.03, (0.37, 0.47, 0.61))
+"""Amplitude and frequencies, Hz, of slow deviations: of the displacement along the world's axes, m, and of the rotation
+vector in the axes of the held body, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +63,7 @@ class Servos:
         q, dq = desired.q, desired.dq
         kp, kv = self.model.actuator_gainprm[:, 0], -self.model.actuator_biasprm[:, 2]
         position = q + (kv * dq + self.torques(desired)) / kp
-        poses = [Hand().poses(time, *self.poses(body, q)) for body in self.held]
+        poses = [held_by(time, *self.poses(body, q)) for body in self.held]
         return np.concatenate([position, *(p for p, _ in poses), *(r for _, r in poses)], axis=1)
 
     def torques(self, desired: Motion) -> np.ndarray:
@@ -117,6 +89,13 @@ class Servos:
         program.run(q[:, self.order].T, T)
         poses = T.T.reshape(-1, 4, 4)
         return poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+
+
+def held_by(time: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and quaternions of a hand, from the desired ones of the held body (N, 3) and (N, 4)."""
+    shift, turn = (size * np.sin(2 * np.pi * np.outer(time, frequencies)) for size, frequencies in (SHIFT, TURN))
+    turned = Rotation.from_quat(quaternion, scalar_first=True) * Rotation.from_rotvec(turn)
+    return position + LIFT + shift, turned.as_quat(scalar_first=True)
 
 
 def servos(model: mujoco.MjModel, joints: int) -> Servos:

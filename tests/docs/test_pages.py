@@ -145,5 +145,15 @@ def resolves(dotted):
     return False
 
 
+def test_every_column_has_a_head():
+    """As a reader of a screen reader needs it."""
+    heads = [
+        (name, head)
+        for name, text in TEXTS.items()
+        for head in re.findall(r"^(\|.*\|)\n\|(?: *:?-+:? *\|)+$", text, re.M)
+    ]
+    assert len(heads) > 50 and [each for each in heads if re.search(r"\| *\|", each[1])] == []
+
+
 def test_readme_is_short():
     assert len(TEXTS["README.md"].splitlines()) <= 150

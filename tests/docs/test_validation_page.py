@@ -25,7 +25,8 @@ def test_the_page_shows_the_run_on_record(shown):
 @pytest.mark.parametrize("name", ["README.md", "paper.md"])
 def test_the_summaries_are_those_of_the_run_on_record(name, shown):
     text = (ROOT / name).read_text(encoding="utf-8")
-    assert f"<!-- validation -->\n{validation_blocks.sentence(shown)}<!-- end validation -->" in text
+    for block_name, content in validation_blocks.summary_blocks(shown).items():
+        assert f"<!-- {block_name} -->\n{content}<!-- end {block_name} -->" in text
 
 
 def test_the_page_says_where_it_loses(shown):

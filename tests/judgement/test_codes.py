@@ -193,8 +193,33 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         assert max(len(each.split()) for each in sentences) <= 25
         assert not re.search(r"\d%", finding.text)
         read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
-        assert len(finding.title.split()) <= 7
+        for number in range(6):
+            placed = replace(finding, place=Place(channels=tuple(f"left leg_{k}" for k in range(number))))
+            assert len(placed.title.split()) <= 7
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
+
+
+def nine(value):
+    """Nine entries with names of their own, where there are some; but not of candidates or axes."""
+    names = [f"part{k}" for k in range(9)]
+    if isinstance(value, dict) and value and not value.keys() & {"least squares", "model", "x", "kind"}:
+        return dict.fromkeys(names, next(iter(value.values())))
+    if isinstance(value, tuple) and value and isinstance(value[0], str):
+        return tuple(names)
+    if isinstance(value, list) and value and isinstance(value[0], dict) and "name" in value[0]:
+        return [{**value[0], "name": name} for name in names]
+    return value
+
+
+@pytest.mark.parametrize("code", FINDINGS)
+def test_more_than_four_names_are_counted(code):
+    """But for those of a command, which is to be copied."""
+    for values in EXAMPLES[code]:
+        text = Finding(
+            code, {key: nine(value) if key != "fixed_by" else value for key, value in values.items()}, False
+        ).text
+        names = set(re.findall(r"part\d", re.sub(r"--leave-out [^.;]*|--drive [^.;]*", "", text)))
+        assert len(names) <= 4, text
 
 
 def test_every_code_is_the_finding_of_some_judge():

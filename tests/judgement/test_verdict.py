@@ -1,6 +1,7 @@
 """Findings and verdicts of identifications from short simulated recordings."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -148,6 +149,10 @@ def test_channels_are_named_where_they_are_fewer_than_five(estimate, missed, wor
     ratios = {f"wrist{k}": 0.9 if k in missed else 0.1 for k in range(12)}
     verdict = replace(estimate.verdict(), outcome=decided(ratios.values(), ()), ratios=ratios, idle={})
     assert verdict.channels == words and words in str(verdict) and words in verdict.brief
+    poor = replace(verdict.precision, known=(0, 0, 0))
+    for outcome, doubts in product(Outcome, ([], ["unmodelled"], ["unmodelled"] * 11)):
+        other = replace(verdict, outcome=outcome, doubts=tuple(doubts), idle={"base": "still"}, precision=poor)
+        assert len(other.brief.split()) <= 20, other.brief
 
 
 @pytest.mark.parametrize("name", ["least squares", "model"])

@@ -9,9 +9,8 @@ import pytest
 
 import ident
 import sim
-from experiments.data.fitting import Following
 from experiments.reports.identify_report import following_lines, following_table
-from experiments.studies.user_files import following
+from experiments.studies.user_files import Following, following
 from ident.errors import InputError
 from ident.recordings.plausibility import with_servos
 from sim.simulation.commanded import rolled_out

@@ -71,6 +71,8 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert count in (folder / "out" / "table_logs.csv").read_text(encoding="utf-8")
     assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
     assert not list((folder / "out" / "run0").glob("*.pdf"))
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert '<p class="verdict partly">' in page and "1: run0.csv" in page and "2: run1.csv" in page
     table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")
     assert "Fc(bend),,2," in table and "m3rx3,fore,2," in table
     assert (folder / "out" / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out

@@ -93,6 +93,7 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     output = capsys.readouterr().out
     assert "'a' and 'b' share logs: their difference has no interval." in output
     assert "of a less those of b, SI units\n" in output
+    assert "✕ Differ. 1 of 2 results differ by more than noise." in output
     assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
     assert not (tmp_path / "out" / "figure_differences_2.svg").exists()
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
@@ -112,6 +113,7 @@ def test_a_page_and_figures_are_written(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
     assert '<p class="verdict usable">' in page and "agree within noise." in page
+    assert page.count('class="known1"') == 3 and 'class="findings"' not in page
     tex = (tmp_path / "out" / "table_differences.tex").read_text()
     assert r"\emph{shank}" in tex and r"\emph{base}" in tex
 

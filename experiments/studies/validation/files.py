@@ -92,7 +92,8 @@ class Places:
         for place in given:
             if _complete(entry, place):
                 return place
-        if _complete(entry, downloads) and not (self.fetch and _damaged(entry, downloads)):
+        damaged = self.fetch and any(not file.made and not _is_right(file, downloads) for file in entry.files)
+        if _complete(entry, downloads) and not damaged:
             return downloads
         if not self.fetch:
             raise InputError(_missing(entry, given))
@@ -103,10 +104,10 @@ def _complete(entry: Entry, folder: Path) -> bool:
     return bool(entry.files) and all((folder / file.name).is_file() for file in entry.files)
 
 
-def _damaged(entry: Entry, folder: Path) -> bool:
-    """True if a file that was downloaded as it is has another hash than the registry's."""
-    kept = [file for file in entry.files if file.sha256 and not file.made]
-    return any(digest(folder / file.name) != file.sha256 for file in kept)
+def _is_right(file: SourceFile, folder: Path) -> bool:
+    """True if a file is there with the registry's hash, or with any if that holds none."""
+    path = folder / file.name
+    return path.is_file() and (not file.sha256 or digest(path) == file.sha256)
 
 
 def _missing(entry: Entry, places: Iterable[Path]) -> str:
@@ -128,23 +129,17 @@ def fetched(entry: Entry, folder: Path, host: str = HOST) -> Path:
     """
     addresses = {file: address(entry, file, host) for file in entry.files}
     for file, url in addresses.items():
-        target = folder / file.name
-        if target.is_file() and (not file.sha256 or digest(target) == file.sha256):
+        target, original = folder / file.name, folder / f"{file.name}.original"
+        if _is_right(file, folder):
             continue
-        if not file.made:
-            _tell_unchecked(file, url, download(url, target, file.original or file.sha256))
-            continue
-        original = folder / f"{file.name}.original"
-        _tell_unchecked(file, url, download(url, original, file.original))
-        convert(file.made, original, target)
-        original.unlink()
+        expected = file.original or ("" if file.made else file.sha256)
+        sha256 = download(url, original if file.made else target, expected)
+        if not expected:
+            print(f"Unchecked, as the registry holds no hash of it: {url}, SHA-256 {sha256}.", file=sys.stderr)
+        if file.made:
+            convert(file.made, original, target)
+            original.unlink()
     return folder
-
-
-def _tell_unchecked(file: SourceFile, url: str, sha256: str) -> None:
-    """Prints the hash of a file that the registry has none of."""
-    if not file.original and (file.made or not file.sha256):
-        print(f"Unchecked, as the registry holds no hash of it: {url}, SHA-256 {sha256}.", file=sys.stderr)
 
 
 def checked(entry: Entry, folder: Path) -> tuple[str, ...]:
@@ -158,17 +153,14 @@ def checked(entry: Entry, folder: Path) -> tuple[str, ...]:
     Raises:
         InputError: A file has another hash.
     """
-    unchecked = []
+    right = {file.name: _is_right(file, folder) for file in entry.files}
     for file in entry.files:
-        if file.sha256 and digest(folder / file.name) == file.sha256:
-            continue
-        if file.sha256 and not file.made:
+        if not right[file.name] and not file.made:
             raise InputError(
                 f"'{folder / file.name}' is another file than the one that was tried, whose SHA-256 is {file.sha256}: "
                 "it is damaged, or of another version."
             )
-        unchecked.append(file.name)
-    return tuple(unchecked)
+    return tuple(file.name for file in entry.files if not (file.sha256 and right[file.name]))
 
 
 def converted(entry: Entry, folder: Path, scratch: Path) -> Mapping[str, Path]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry, StatedValue
 from experiments.studies.user_files import prepare, read_mechanism
 from experiments.studies.validation.files import checked, columns_file, convert, converted
 from experiments.studies.validation.peers import compared
@@ -47,22 +47,25 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
         estimate: Its estimate.
         results: Results of that in JSON types.
     """
-    own, known = results["values"], dict[str, tuple[float, float]]()
+    own, known = results["values"], dict[str, StatedValue]()
     if entry.true_files:
         model = read_mechanism(folder / entry.true_files[0], base=entry.options.get("base"))
         true = replace(estimate.fit.equations, mechanism=model).from_model
-        known |= {name: (float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
-    known |= {each.name: (each.value, each.tolerance) for each in entry.truth if not entry.body}
+        known |= {name: StatedValue(name, float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
+    known |= {each.name: each for each in entry.truth if not entry.body}
     if not known:
         return {}
     at = [own["names"].index(name) for name in known]
     columns = {"names": "names", "units": "units", "values": "values", "std": "std_setup"}
-    return {
-        **{name: [own[key][k] for k in at] for name, key in columns.items()},
-        "true": [value for value, _ in known.values()],
-        "tolerance": [tolerance for _, tolerance in known.values()],
-        "rivals": {name: [x[k] for k in at] for name, x in results["rivals"].items()},
-    }
+    rows = {name: [own[key][k] for k in at] for name, key in columns.items()}
+    rivals = {name: [x[k] for k in at] for name, x in results["rivals"].items()}
+    return {**_beside(rows, list(known.values())), "rivals": rivals}
+
+
+def _beside(rows: Mapping[str, Sequence[Any]], known: Sequence[StatedValue]) -> dict[str, Any]:
+    """Estimates by `names`, `units`, `values` and `std`, and the known values beside them."""
+    tolerance = np.nan_to_num([each.std for each in known]).tolist()
+    return {**rows, "true": [each.value for each in known], "tolerance": tolerance, "rivals": {}}
 
 
 def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
@@ -78,9 +81,8 @@ def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
     body = identify_load(robot, *logs, body=entry.body).in_frame()
     at = [QUANTITIES.index(each.name) for each in entry.truth]
     rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
-    numbers = {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
-    known = {"true": [each.value for each in entry.truth], "tolerance": [each.tolerance for each in entry.truth]}
-    return {**rows, **numbers, **known, "rivals": {}, "seconds": time.process_time() - start}
+    rows |= {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
+    return {**_beside(rows, entry.truth), "seconds": time.process_time() - start}
 
 
 def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
@@ -105,10 +107,10 @@ def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict
         body = identify_payload(
             alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
         ).in_frame()
-        true = _body(folder / file)
-        rows = {"values": body.values, "std": body.std_setup, "true": true, "tolerance": np.zeros(len(true))}
         names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
-        for key, x in ({name: x.tolist() for name, x in rows.items()} | {"names": names, "units": UNITS}).items():
+        known = [StatedValue(name, x, 0.0) for name, x in zip(names, _body(folder / file).tolist(), strict=True)]
+        rows = {"names": names, "units": UNITS, "values": body.values.tolist(), "std": body.std_setup.tolist()}
+        for key, x in _beside(rows, known).items():
             out.setdefault(key, []).extend(x)
     return {**out, "rivals": {}, "seconds": time.process_time() - start}
 
@@ -232,13 +234,10 @@ def results(estimate: Estimate) -> dict[str, Any]:
     verdict, trajectory, held = estimate.verdict(), estimate.trajectory, estimate.held_out
     halves = None if trajectory is None else differences(trajectory)
     count = estimate.base.rank + len(estimate.fit.equations.drives)
-    model = estimate.fit.equations.from_model[:count]
-    filtered = estimate.filtered_values
-    rivals = {MODEL: model, **({} if filtered is None else {LEAST_SQUARES: filtered[:count]})}
-    part = estimate.logs
+    rivals = {MODEL: estimate.fit.equations.from_model, LEAST_SQUARES: estimate.filtered_values}
     return {
         "values": values(estimate),
-        "rivals": {name: x.tolist() for name, x in rivals.items()},
+        "rivals": {name: x[:count].tolist() for name, x in rivals.items() if x is not None},
         "channels": list(estimate.channels),
         "units": [channel_unit(channel, estimate.prepared.mechanism.tree) for channel in estimate.channels],
         "ratios": {
@@ -254,6 +253,6 @@ def results(estimate: Estimate) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "verdict": str(verdict),
         "doubts": list(verdict.doubts),
-        "samples": [sum(len(each.indices) for each in part), len(held.time)],
+        "samples": [sum(len(each.indices) for each in estimate.logs), len(held.time)],
         "cutoff": estimate.filtered_at,
     }

@@ -1,7 +1,7 @@
 """The study of all recordings: what is run, by which workers, and its results."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
@@ -69,8 +69,7 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
             refused[entry.name] = str(error)
             if places.fetch:
                 print(error, file=sys.stderr)
-    tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
-    tasks = [task._replace(peers=peers and task.trial is None) for task in tasks]
+    tasks = tasks_of([entry for entry in entries if entry.name in folders], folders, peers=peers)
     code = b"".join(file.read_bytes() for name in SOURCES for file in sorted(Path(str(files(name))).rglob("*.py")))
     meaning = {"code": sha256(code).hexdigest(), "tasks": [[str(task.entry), task.trial, task.peers] for task in tasks]}
     kept = Checkpoint("recordings", folder / FILE, meaning)
@@ -78,10 +77,9 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
     return collected(entries, tasks, answers, refused)
 
 
-def tasks_of(entries: Iterable[Entry], folders: Mapping[str, Path]) -> list[Task]:
+def tasks_of(entries: Sequence[Entry], folders: Mapping[str, Path], *, peers: bool = False) -> list[Task]:
     """Tasks of recordings, and then of each trial alone for those with several logs, which are shorter."""
-    entries = list(entries)
-    whole = [Task(entry, folders[entry.name]) for entry in entries]
+    whole = [Task(entry, folders[entry.name], peers=peers) for entry in entries]
     alone = [Task(entry, folders[entry.name], trial) for entry in entries for trial in trials_of(entry)]
     return [*whole, *alone]
 
@@ -92,40 +90,30 @@ def collected(
     answers: Sequence[Mapping[str, Any]],
     refused: Mapping[str, str] | None = None,
 ) -> Study:
-    """Study of the answers to tasks.
+    """Study of the answers to tasks, of which those of whole recordings come first.
 
     Raises:
         InputError: There are none; the message says why.
     """
-    sentences, made, truths = dict(refused or {}), dict[str, Mapping[str, Any]](), dict[str, Mapping[str, Any]]()
-    trials: dict[str, dict[str, Values]] = {}
+    sentences, made, truths = dict(refused or {}), dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
+    trials: dict[str, dict[str, Any]] = {entry.name: {} for entry in entries}
     for task, answer in zip(tasks, answers, strict=True):
         name = task.entry.name
         if "refused" in answer:
             of_trial = "" if task.trial is None else f"{trial_name(task.trial)}: "
             sentences[name] = f"{sentences.get(name, '')} {of_trial}{answer['refused']}".strip()
-        elif task.trial is None:
+        elif task.trial is not None:
+            trials[name][trial_name(task.trial)] = answer["values"]
+        else:
             for level, known in answer.get("truths", {}).items():
                 truths[f"{name} {level}".strip()] = {**known, "entry": name, "level": level}
             if not task.entry.sensor:
-                made[name] = answer
-        else:
-            trials.setdefault(name, {})[trial_name(task.trial)] = from_json(Values, answer["values"])
+                made[name] = {**answer, "trials": trials[name]}
     if not made and not truths:
         raise InputError(next(iter(sentences.values()), "No recording was chosen."))
-    by_name = {entry.name: entry for entry in entries}
-    validations = {
-        name: validation(entry, made[name], trials.get(name, {})) for name, entry in by_name.items() if name in made
-    }
-    untried = tuple(entry for entry in entries if not entry.tried and entry.name not in made)
-    left = {entry.name for entry in untried}
-    not_run = {name: text for name, text in sentences.items() if name not in left}
-    return Study(validations, not_run, untried, _truths(truths, by_name))
-
-
-def _truths(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> dict[str, Truth]:
-    """Known parameters from their JSON form."""
-    return {name: from_json(Truth, each, entry=entries[each["entry"]]) for name, each in numbers.items()}
+    return study_of(
+        {"recordings": made, "truths": truths, "not_run": sentences}, {entry.name: entry for entry in entries}
+    )
 
 
 def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
@@ -135,15 +123,16 @@ def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
         numbers: Contents of `summary.json`.
         entries: The registry.
     """
-    made = {}
-    for name, answer in numbers["recordings"].items():
-        trials = {trial: from_json(Values, each) for trial, each in answer["trials"].items()}
-        made[name] = validation(entries[name], answer, trials)
+    made = {
+        name: from_json(
+            Validation,
+            answer,
+            entry=entries[name],
+            trials={trial: from_json(Values, each) for trial, each in answer["trials"].items()},
+        )
+        for name, answer in numbers["recordings"].items()
+    }
+    truths = {name: from_json(Truth, each, entry=entries[each["entry"]]) for name, each in numbers["truths"].items()}
     untried = tuple(entry for entry in entries.values() if not entry.tried and entry.name not in made)
-    return Study(made, numbers["not_run"], untried, _truths(numbers["truths"], entries))
-
-
-def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Values]) -> Validation:
-    """Results of a recording from their JSON form."""
-    own = {name: trials[name] for name in map(trial_name, trials_of(entry)) if name in trials}
-    return from_json(Validation, answer, entry=entry, trials=own)
+    left = {entry.name for entry in untried}
+    return Study(made, {name: text for name, text in numbers["not_run"].items() if name not in left}, untried, truths)

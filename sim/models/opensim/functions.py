@@ -111,19 +111,6 @@ def _unknown(element: ET.Element, kind: object) -> ModelError:
     return ModelError(f"{label(element)}: functions of coordinates are {', '.join(_READERS)}; got <{kind}>.")
 
 
-def _constant(element: ET.Element) -> Curve:
-    return Curve.polynomial([number(element, "value", "0")])
-
-
-def _linear(element: ET.Element) -> Curve:
-    slope, intercept = numbers(element, "coefficients", 2, "1 0")
-    return Curve.polynomial([intercept, slope])
-
-
-def _polynomial(element: ET.Element) -> Curve:
-    return Curve.polynomial(numbers(element, "coefficients")[::-1].tolist())
-
-
 def _multiplied(element: ET.Element) -> Curve:
     inner = function_of(element)
     if inner is None:
@@ -182,9 +169,9 @@ def _divided(x: np.ndarray, y: np.ndarray) -> float:
 
 
 _READERS: dict[str, Callable[[ET.Element], Curve]] = {
-    "Constant": _constant,
-    "LinearFunction": _linear,
-    "PolynomialFunction": _polynomial,
+    "Constant": lambda element: Curve.polynomial([number(element, "value", "0")]),
+    "LinearFunction": lambda element: Curve.polynomial(numbers(element, "coefficients", 2, "1 0")[::-1].tolist()),
+    "PolynomialFunction": lambda element: Curve.polynomial(numbers(element, "coefficients")[::-1].tolist()),
     "MultiplierFunction": _multiplied,
     "SimmSpline": _spline,
     "NaturalCubicSpline": _spline,

@@ -44,6 +44,11 @@ class ElementaryMotion(NamedTuple):
     curve: Curve
     name: str
 
+    @property
+    def twist(self) -> np.ndarray:
+        """Its twist in the frame that it moves (6,)."""
+        return np.concatenate([np.zeros(3), self.axis] if self.turns else [self.axis, np.zeros(3)])
+
 
 def coordinate_elements(joint: ET.Element) -> list[ET.Element]:
     """The `<Coordinate>` elements of a joint, in their order."""
@@ -125,17 +130,14 @@ class Link:
 def _links(model: ET.Element, frames: Frames) -> Iterator[Link]:
     """The joints of a model, from `JointSet` or, in OpenSim 3, from their child bodies."""
     joints = [(joint, "") for joint in objects(model, "JointSet")]
-    joints += [(joint, name) for name, body in frames.bodies.items() for joint in _inside(body)]
+    for name, body in frames.bodies.items():
+        inside = [child for group in body.findall("Joint") for child in group if isinstance(child.tag, str)]
+        joints += [(joint, name) for joint in inside]
     for joint, carrier in joints:
         parent, child = frames.joint_ends(joint, carrier)
         if child.body == GROUND:
             raise ModelError(f"{label(joint)} needs a body for its child, got the ground; exchange its frames.")
         yield Link(joint, parent, child, factors(joint))
-
-
-def _inside(body: ET.Element) -> list[ET.Element]:
-    """The joint elements inside a body of OpenSim 3."""
-    return [child for group in body.findall("Joint") for child in group if isinstance(child.tag, str)]
 
 
 def links_in_order(model: ET.Element, frames: Frames) -> list[Link]:

@@ -146,42 +146,33 @@ def mechanism_from_opensim(
     Raises:
         ModelError: Something in the file cannot be read; the message names it.
     """
-    path = Path(path)
-    model, fix = model_element(path), checked_coordinates("fix", fix or ())
-    with about(path):
-        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix, drives=drives)
-
-
-def _mechanism(
-    model: ET.Element,
-    origin: OpenSimOrigin,
-    ignore: Collection[str],
-    fix: Mapping[str, Sequence[float]],
-    *,
-    drives: bool,
-) -> Mechanism:
-    base = origin.base
-    frames = Frames(model)
-    skeleton = Skeleton.of(model, frames, ignore)
-    tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
-    if base is not None:
-        # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
-        gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
-        tree = skeleton.carried(base)
-    tree = _without(tree, origin.beyond)
-    rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
-    # The model itself holds locked coordinates at their default.
-    tree = tree.fixed({name: q for name, q in rest.items() if len(fix[name]) or not skeleton.coordinates[name].locked})
-    bodies = [tree.names[i] for i in tree.inertial]
-    prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
-    _note_inertias(frames, bodies)
-    ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
-    sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
-    stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
-    read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
-    posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
-    constraints = Constraints(tuple(point_constraints(model, frames, tree, ignore)), posture).within(tree).checked(tree)
-    return replace(read, centre_std=OF_PEOPLE, constraints=constraints).rested()
+    origin, fix = OpenSimOrigin(Path(path), base, tuple(beyond)), checked_coordinates("fix", fix or ())
+    model = model_element(origin.path)
+    with about(origin.path):
+        frames = Frames(model)
+        skeleton = Skeleton.of(model, frames, ignore)
+        tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
+        if base is not None:
+            # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
+            gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
+            tree = skeleton.carried(base)
+        tree = _without(tree, origin.beyond)
+        rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
+        # The model itself holds locked coordinates at their default.
+        held = [name for name in rest if len(fix[name]) or not skeleton.coordinates[name].locked]
+        tree = tree.fixed({name: rest[name] for name in held})
+        bodies = [tree.names[i] for i in tree.inertial]
+        prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
+        _note_inertias(frames, bodies)
+        ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
+        places = markers(model, frames)
+        sites = {name: (place.body, place.pose) for name, place in places.items() if place.body in bodies}
+        stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
+        read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
+        posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
+        constraints = Constraints(tuple(point_constraints(model, frames, tree, ignore)), posture)
+        constraints = constraints.within(tree).checked(tree)
+        return replace(read, centre_std=OF_PEOPLE, constraints=constraints).rested()
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:

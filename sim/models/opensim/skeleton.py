@@ -120,22 +120,32 @@ class _Chains:
 
     def add(self, link: Link) -> None:
         """Adds a body to the tree, preceded by massless links for all steps of its joint but the last."""
-        parent, home = self.place[link.parent.body], link.parent.pose
+        parent = self.place[link.parent.body]
         moving = [(factor, self._dependence(factor)) for factor in link.factors]
-        home, steps = _folded(home, moving)
+        home, steps = _folded(link.parent.pose, moving)
         own = self._leading(steps)
         for element in coordinate_elements(link.joint):
             name = str(element.get("name"))
             if self.dependences[name].leader == name and name not in own.values():
-                self._add_unmoving(name, parent, any(f.turns for f, _, _ in steps if f.coordinate == name))
-        last = home @ se3.inverse(link.child.pose)
+                # A massless link that only has a coordinate, for followers to refer to.
+                turns = any(factor.turns for factor, _, _ in steps if factor.coordinate == name)
+                twist = np.eye(6)[3 if turns else 0]
+                self.bodies.append(Body(f"{name}:coordinate", parent, np.eye(4), twist, name, True))
+        to_child = se3.inverse(link.child.pose)
         if not steps:
-            self.bodies.append(Body(link.child.body, parent, last, np.zeros(6)))
+            self.bodies.append(Body(link.child.body, parent, home @ to_child, np.zeros(6)))
         for k, (factor, dependence, after) in enumerate(steps):
-            end = k == len(steps) - 1
-            behind = after @ se3.inverse(link.child.pose) if end else after
-            name = link.child.body if end else f"{link.child.body}:{factor.name.partition(', ')[2]}"
-            self.bodies.append(self._body(name, parent, home, behind, factor, dependence, own.get(k, ""), not end))
+            last = k == len(steps) - 1
+            behind = after @ to_child if last else after
+            name = link.child.body if last else f"{link.child.body}:{factor.name.partition(', ')[2]}"
+            twist, follows = factor.twist, None
+            if k in own:
+                constant, slope = dependence.curve.exact.coef.tolist()  # type: ignore[union-attr]
+                home, twist = home @ se3.exp(twist, constant), slope * twist
+            else:
+                follows = self._follower(factor, dependence)
+            twist = se3.Ad(se3.inverse(behind)) @ twist
+            self.bodies.append(Body(name, parent, home @ behind, twist, own.get(k, ""), not last, follows))
             parent, home = len(self.bodies) - 1, np.eye(4)
         self.place[link.child.body] = len(self.bodies) - 1
 
@@ -155,34 +165,14 @@ class _Chains:
                 own[k] = name
         return own
 
-    def _add_unmoving(self, name: str, parent: int, turns: bool) -> None:
-        """Adds a massless link that only has a coordinate, for followers to refer to."""
-        self.bodies.append(Body(f"{name}:coordinate", parent, np.eye(4), np.eye(6)[3 if turns else 0], name, True))
-
-    def _body(
-        self,
-        name: str,
-        parent: int,
-        home: np.ndarray,
-        behind: np.ndarray,
-        factor: ElementaryMotion,
-        dependence: Dependence,
-        own: str,
-        massless: bool,
-    ) -> Body:
-        """Body after a turn or slide, with the constant pose `behind` it."""
-        twist = np.concatenate([np.zeros(3), factor.axis] if factor.turns else [factor.axis, np.zeros(3)])
-        if own:
-            constant, slope = dependence.curve.exact.coef.tolist()  # type: ignore[union-attr]
-            home, twist = home @ se3.exp(twist, constant), slope * twist
-            return Body(name, parent, home @ behind, se3.Ad(se3.inverse(behind)) @ twist, own, massless)
+    def _follower(self, factor: ElementaryMotion, dependence: Dependence) -> Follower:
+        """A turn or slide as a function of its leader's coordinate, whose largest error is remembered."""
         leader = str(dependence.leader)
         span = needed_span(self.coordinates[leader], dependence.curve)
         fitted, distance = dependence.curve.fitted(*span)
         if distance > self.worst[factor.turns][0]:
             self.worst[factor.turns] = distance, factor.name
-        follows = Follower(leader, tuple(fitted.coef.tolist()), span)
-        return Body(name, parent, home @ behind, se3.Ad(se3.inverse(behind)) @ twist, "", massless, follows)
+        return Follower(leader, tuple(fitted.coef.tolist()), span)
 
 
 _Step = tuple[ElementaryMotion, Dependence, np.ndarray]
@@ -200,8 +190,7 @@ def _folded(home: np.ndarray, moving: list[tuple[ElementaryMotion, Dependence]])
         if dependence.leader is not None:
             steps.append((factor, dependence, np.eye(4)))
             continue
-        twist = np.concatenate([np.zeros(3), factor.axis] if factor.turns else [factor.axis, np.zeros(3)])
-        constant = se3.exp(twist, float(dependence.curve.evaluated(0.0)))
+        constant = se3.exp(factor.twist, float(dependence.curve.evaluated(0.0)))
         if steps:
             steps[-1] = (*steps[-1][:2], steps[-1][2] @ constant)
         else:

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
-from ident.geometry.inertia import com_from_parameters, entries
+from ident.geometry.inertia import entries
 from ident.mechanism.mechanism import Mechanism
-from sim.models.inertials import Update, is_physical, shortened
+from sim.models.inertials import Update, is_physical, stated_parts
 from sim.models.opensim.elements import Frames, model_element, text
 from sim.models.opensim.joints import links_in_order
 from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
@@ -95,9 +95,7 @@ def _offset_edit(path: Path, data: bytes, body: str, shift: np.ndarray) -> Edit:
 
 def _edits(data: bytes, body: Element, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:
     """Edits of a file's bytes that set a body's φ."""
-    mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
-    if short and phi[0]:
-        mass, center, inertia = shortened(mass, center, inertia)
+    mass, center, inertia = stated_parts(phi, short=short)
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
     if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):
         numbers["inertia"] = entries(inertia).tolist()
