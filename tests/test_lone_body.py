@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from written_formats import write_csv
 import ident
 from experiments import payload as command
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.consistency import consistent_parameters
 from ident.recordings.log import read_log
 
 MASS, CENTRE, INERTIA = 0.8, np.array([0.02, -0.03, 0.12]), np.diag([6e-3, 5e-3, 2e-3])
@@ -56,16 +58,43 @@ def columns(seed=0, seconds=12.0):
     return {"time": t} | dict(zip(names, np.hstack([p, q, force, moment]).T, strict=True))
 
 
+@cache
+def identified(seed):
+    tool = Mechanism.lone_body("tool")
+    return ident.identify_payload(tool, read_log(columns(seed), tool, COLUMNS), body="tool", sensor="ft")
+
+
 def test_a_body_is_known_from_its_pose_and_the_wrench_on_its_sensor():
-    tool, distances = Mechanism.lone_body("tool"), []
+    distances = []
     for seed in range(2):
-        payload = ident.identify_payload(tool, read_log(columns(seed), tool, COLUMNS), body="tool", sensor="ft")
+        payload = identified(seed)
         body = payload.in_frame()
         assert abs(body.values[0] - MASS) < 0.003 and np.abs(body.values[1:4] - CENTRE).max() < 0.002
         np.testing.assert_allclose(body.values[4:7], TRUTH[4:7], rtol=0.1)
         assert body.identifiable.all() and payload.verdict().usable and payload.model is None
         distances.append((body.values - TRUTH) / body.std_setup)
     assert (np.abs(distances) < 1.96).mean() > 0.85
+
+
+def test_intervals_are_those_of_the_data_without_what_no_body_can_have():
+    """A prior moves values inside them, and none of a moment of inertia that hardly shows goes below zero."""
+    payload, narrow = identified(0), replace(identified(0))
+    part, estimate = payload.estimate.prepared.mechanism, payload.estimate
+    narrow.__dict__["physical"] = consistent_parameters(
+        estimate.psi, estimate.covariance, estimate.base, part.known, bodies=part.bodies, width=0.1
+    )
+    body, pulled = payload.in_frame(), narrow.in_frame()
+    middle = body.intervals.mean(axis=1)
+    assert np.abs(pulled.values - body.values).max() > 10 * np.abs(pulled.intervals.mean(axis=1) - middle).max()
+    np.testing.assert_allclose(np.diff(body.intervals)[:, 0], 2 * 1.96 * body.std_setup, rtol=1e-4)
+    wide = replace(payload)
+    noise = [1e4 * each for each in payload._covariances]
+    wide.__dict__["physical"] = payload.physical
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(type(payload), "_covariances", noise)
+        open_ = wide.in_frame()
+    assert (open_.intervals[[0, 4, 5, 6], 0] == 0).all() and not open_.identifiable[4:7].any()
+    assert (open_.intervals[:, 0] <= open_.values).all() and (open_.values <= open_.intervals[:, 1]).all()
 
 
 @pytest.mark.parametrize(("rpy", "sign"), [((0, 40, 0), -1), pytest.param((180, 0, 0), 1, marks=pytest.mark.slow)])

@@ -21,6 +21,9 @@ from ident.geometry.inertia import parameters_from_com, symmetric
 DETERMINED = "hammer", "clamp", "pliers"
 """Tools whose whole inertia the motion determines at all levels."""
 
+HELD = {"held, mass": slice(1), "held, centre": slice(1, 4), "held, inertia": slice(4, 10), "held": slice(10)}
+"""Quantities whose intervals are counted."""
+
 
 def about_sensor(body: np.ndarray) -> np.ndarray:
     """Inertia about the sensor (3, 3) of mass, centre and inertia about the centre (10,)."""
@@ -35,22 +38,27 @@ def over_size(estimate: np.ndarray, true: np.ndarray) -> float:
 
 
 def rows(folder: Path, draws: int) -> dict[str, list[float]]:
-    """Errors in per cent by tool, of the determined ones, all, and of masses, each with one entry for a level."""
+    """Per cent by level: errors of inertias of each tool, of those determined and of all, of masses; held intervals."""
     entry, errors = registry()["tools"], defaultdict[tuple[str, str], list[float]](list)
     for draw in range(draws):
         with TemporaryDirectory() as scratch:
             # The folder's name draws the noise; the first is that of `validate`.
             own = copytree(folder, Path(scratch) / (folder.name if not draw else f"{folder.name} {draw}"))
             for level, made in of_bodies(entry, own, Path(scratch)).items():
-                values, true = (np.reshape(made[key], (-1, 10)) for key in ("values", "true"))
+                values, low, high, true = (
+                    np.reshape(made[key], (-1, 10)) for key in ("values", "lower", "upper", "true")
+                )
+                holds = (low <= true) & (true <= high)
+                for name, part in HELD.items():
+                    errors[name, level].append(holds[:, part].mean())
                 for name, x, known in zip(made["names"][::10], values, true, strict=True):
                     errors[name.split()[0], level].append(over_size(x, known))
                     errors["mass", level].append(abs(x[0] / known[0] - 1))
     levels = list(entry.options["noise"])
     mean = {name: [100 * float(np.mean(errors[name, level])) for level in levels] for name, _ in errors}
-    mass = mean.pop("mass")
+    others = {name: mean.pop(name) for name in ("mass", *HELD)}
     three = np.mean([mean[name] for name in DETERMINED], axis=0).tolist()
-    return {**mean, "these three": three, "all": np.mean(list(mean.values()), axis=0).tolist(), "mass": mass}
+    return {**mean, "these three": three, "all": np.mean(list(mean.values()), axis=0).tolist(), **others}
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ T = TypeVar("T")
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
 
+FARTHEST = 100.0
+"""Error in half intervals that stands for larger ones, such as those of an interval that ends at the estimate."""
+
 FRICTION = tuple(DRIVE[kind] for kind in ("viscous", "coulomb", "stribeck"))
 """Beginnings of the names of friction."""
 
@@ -378,7 +381,8 @@ class Truth:
         true: What they are (p,).
         tolerance: Standard deviations of what measured them, zero in simulations (p,).
         values: Estimates (p,).
-        std: Standard deviations with the set-up (p,).
+        lower: Lower ends of their 95 % intervals (p,).
+        upper: Upper ends (p,).
         rivals: Estimates of other candidates, by name (p,).
         seconds: CPU time, s.
     """
@@ -390,7 +394,8 @@ class Truth:
     true: np.ndarray
     tolerance: np.ndarray
     values: np.ndarray
-    std: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     rivals: Mapping[str, np.ndarray]
     seconds: float
 
@@ -401,13 +406,15 @@ class Truth:
 
     @property
     def z(self) -> np.ndarray:
-        """Errors in standard deviations (p,)."""
-        return (self.values - self.true) / np.hypot(self.std, self.tolerance)
+        """Errors, the half of an interval towards the truth counting as `INTERVAL` (p,)."""
+        error = self.values - self.true
+        half = np.where(error > 0, self.values - self.lower, self.upper - self.values)
+        return INTERVAL * error / np.hypot(np.maximum(half, abs(error) / FARTHEST), INTERVAL * self.tolerance)
 
     @property
     def significant(self) -> np.ndarray:
         """Mask of the parameters other than zero whose 95 % intervals exclude zero (p,)."""
-        return (abs(self.values) > INTERVAL * self.std) & (self.true != 0)
+        return ((self.lower > 0) | (self.upper < 0)) & (self.true != 0)
 
     def errors(self, values: np.ndarray) -> np.ndarray:
         """Relative errors of estimates of the significant parameters."""

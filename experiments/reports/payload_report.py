@@ -19,7 +19,6 @@ from ident.estimation.preparation import length
 from ident.geometry.inertia import symmetric
 from ident.payload.identified_payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
 from ident.recordings.several_clocks import name_of
-from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
 from sim.models.xml_files import parsed
 
@@ -66,7 +65,7 @@ class PayloadReport:
         matrix = symmetric(at_flange.values[4:]).ravel()
         names = {"body": self.payload.body, "flange": self.flange, "names": QUANTITIES[4:], "matrix": matrix}
         template = environment().get_template("payload.txt")
-        return template.render(own=own, at_flange=at_flange, interval=INTERVAL, **names).rstrip() + "\n"
+        return template.render(own=own, at_flange=at_flange, **names).rstrip() + "\n"
 
     def table(self, *, brief: bool = False) -> tabular.Table:
         """Mass, centre of mass and inertia with their intervals, beside the model's; briefly without deviations."""
@@ -110,7 +109,9 @@ class PayloadReport:
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
-            "sensor": {each.name: each.to_dict() for each in payload.sensor_parameters},
+            "sensor": {
+                each.name: dict(zip(each._fields[:4], each[:4], strict=True)) for each in payload.sensor_parameters
+            },
             "estimate": payload.estimate.to_dict(),
         }
 
@@ -171,9 +172,9 @@ class PayloadReport:
 
 def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = False) -> tabular.Table:
     """Estimates and 95 % intervals, without `brief` also standard deviations, and more columns."""
-    std, reach = body.std_setup, INTERVAL * body.std_setup
+    std = body.std_setup
     deviations = {} if brief else {"std": body.std.tolist(), "std_setup": std.tolist()}
-    ends = {"from_95": (body.values - reach).tolist(), "to_95": (body.values + reach).tolist()}
+    ends = dict(zip(("from_95", "to_95"), body.intervals.T.tolist(), strict=True))
     estimate = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
     digits = dict.fromkeys(("estimate", *ends), of_numbers(std)) | {"std": of_deviations(body.std)}
     digits["std_setup"] = of_deviations(std)

@@ -37,8 +37,10 @@ from ident.setup import PRIORS
 from ident.tolerances import HOLDOUT, UNEXPLAINED
 from ident.trajectory.fit.iteration import Report
 
-DENSITY = 500.0
-"""Density of the ball that replaces a body of unknown inertia, kg/m³; low, as tools are mostly air."""
+DENSITY = 2000.0
+"""Density of the ball that replaces a body of unknown inertia, kg/m³: metal and plastics, and some air. Mean errors of
+inertias of eight simulated tools with 500 are 100, 115 and 182 % of their size at three levels of noise, with this 56,
+76 and 162 %, with steel's 8000 38, 68 and 170 %, and with that also .4 to 1 % more of those that the motion shows."""
 
 SIGNIFICANT = 4.0
 """Number of standard deviations from which a mass is significant."""
@@ -217,8 +219,7 @@ def likely(part: Mechanism, fit: Weighing, place: np.ndarray) -> np.ndarray:
     if part.prior is not None and part.prior[::10].sum() > 0:
         return part.prior * (fit.mass / part.prior[::10].sum())
     radius = (3 * fit.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
-    ball = 0.4 * fit.mass * radius**2 * np.eye(3)
-    own = parameters_from_com(fit.mass, fit.moment / fit.mass, ball)
+    own = parameters_from_com(fit.mass, fit.moment / fit.mass, 0.4 * fit.mass * radius**2 * np.eye(3))
     return np.concatenate([parameter_transform(place) @ own, np.zeros(10 * (len(part.bodies) - 1))])
 
 
@@ -275,11 +276,8 @@ def identify_payload(
             f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "
             "(--fix)."
         )
-    places, notes = [], list[str]()
-    for number, each in enumerate(recordings):
-        place, renamed, more = on_payload(robot, part, each, body, sensor)
-        places.append(place)
-        recordings[number], notes = renamed, notes + [note for note in more if note not in notes]
+    places, recordings, more = zip(*(on_payload(robot, part, each, body, sensor) for each in recordings), strict=True)
+    notes = [*dict.fromkeys(note for several in more for note in several)]
     if len({each.still for each in recordings}) > 1:
         raise InputError("Logs of poses at rest and logs of motions are identified apart; take one kind.")
     if slow := [each for each in recordings if 1 / each.rate >= SLOW and not each.still]:

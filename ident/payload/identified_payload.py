@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ident.parameters.base_parameters import BaseParameters, structural_base_par
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.wrench import GROUND
+from ident.tolerances import INTERVAL
 
 QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Quantities of a rigid body: mass in kg, centre of mass in m, inertia about the centre of mass in kg m²."""
@@ -35,8 +36,9 @@ OPEN = 0.5
 the centre of mass, the mean moment of inertia for inertias."""
 
 GUESSED = 1.0
-"""Width of the prior body, a guess with the mass and centre of the same data: of 72 fits of eight simulated tools 96 %
-or more of each quantity's intervals hold; with a width estimated from the same data, at the least noise 71 % of Izz."""
+"""Width of the prior body, a guess with the mass and centre of the same data: it moves values within their intervals,
+which are about the estimate without it; intervals about values whose prior had a width from the same data had 71 % of
+Izz."""
 
 
 class RigidBody(NamedTuple):
@@ -47,12 +49,14 @@ class RigidBody(NamedTuple):
         std: Standard deviations from the noise (10,).
         std_setup: Standard deviations including those of set-up errors (10,).
         identifiable: True for identifiable values (10,).
+        intervals: 95 % intervals about the estimate without a prior, less what no body can have (10, 2).
     """
 
     values: np.ndarray
     std: np.ndarray
     std_setup: np.ndarray
     identifiable: np.ndarray
+    intervals: np.ndarray
 
 
 class SensorParameter(NamedTuple):
@@ -71,10 +75,6 @@ class SensorParameter(NamedTuple):
     std: float
     taken_out: bool
     setup: SetupParameter | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """For scripts, in JSON's types."""
-        return {"name": self.name, "value": self.value, "std": self.std, "taken_out": self.taken_out}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,7 +99,7 @@ class Payload(Brief):
 
     @property
     def _in_short(self) -> dict[str, object]:
-        values, _, std, identifiable = self.in_frame()
+        values, _, std, identifiable, _ = self.in_frame()
         rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
         known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
         return {
@@ -125,6 +125,9 @@ class Payload(Brief):
     def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
         """The payload as one rigid, physically consistent body.
 
+        A prior chooses among bodies that the data allow. Intervals do not depend on it, so that they hold as often as
+        those of ψ; mass and moments of inertia are positive in them.
+
         Args:
             T: Pose of the frame in which it is expressed, in the frame of the body (4, 4); by default that frame.
         """
@@ -135,7 +138,10 @@ class Payload(Brief):
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
         std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in self._covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
-        return RigidBody(values, std, wider, wider < OPEN * size)
+        low, high = values + J @ self._beside + INTERVAL * np.outer([-1, 1], wider)
+        low[[0, 4, 5, 6]] = np.maximum(low[[0, 4, 5, 6]], 0)
+        ends = np.c_[np.minimum(low, values), np.maximum(high, values)]
+        return RigidBody(values, std, wider, wider < OPEN * size, ends)
 
     @property
     def _phi(self) -> np.ndarray:
@@ -143,9 +149,21 @@ class Payload(Brief):
         return self._whole.regroup(self.physical.phi)
 
     @property
+    def _seen(self) -> list[int]:
+        """Indices of what the poses show of φ."""
+        return [self._whole.kept.index(k) for k in self.estimate.base.kept]
+
+    @property
+    def _beside(self) -> np.ndarray:
+        """φ by the data alone, less that of the physical body (10,)."""
+        out = np.zeros(10)
+        out[self._seen] = self.estimate.psi - self.physical.psi
+        return out
+
+    @property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
         """Covariances of φ of the payload as one body, from the noise and with that of the set-up (10, 10)."""
-        seen = np.ix_(*2 * [[self._whole.kept.index(k) for k in self.estimate.base.kept]])
+        seen = np.ix_(self._seen, self._seen)
         rank, unknown = self.estimate.base.rank, np.diag(np.repeat(self._phi[0] * SIZE**2, 10)) ** 2
         noise, wider = unknown.copy(), unknown
         noise[seen], wider[seen] = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
@@ -173,20 +191,18 @@ class Payload(Brief):
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
-        joint, names = self.estimate.trajectory, self.estimate.fit.names
-        std = np.sqrt(np.diag(self.estimate.covariance_setup))
-        first = self.estimate.base.rank
-        rows = zip(names[first:], self.estimate.fit.values[first:].tolist(), std[first:].tolist(), strict=True)
-        out = [SensorParameter(name, value, s, True) for name, value, s in rows]
+        joint, fit, std = self.estimate.trajectory, self.estimate.fit, np.sqrt(np.diag(self.estimate.covariance_setup))
+        columns = [each[self.estimate.base.rank :] for each in (fit.names, fit.values.tolist(), std.tolist())]
+        out = [SensorParameter(name, value, s, True) for name, value, s in zip(*columns, strict=True)]
         if joint is None:
             return out
         at = np.flatnonzero(joint.is_setup)
-        moves, open_ = joint.fit.scores(np.eye(len(joint.is_setup))[at])
-        for k, move, left in zip(at.tolist(), moves.tolist(), open_.tolist(), strict=True):
-            each, free = joint.setup[k], bool(joint.fit.free[k])
-            each = replace(each, of=self.sensor) if each.of == GROUND else each
-            value, s = (float(joint.fit.theta[k]), float(joint.fit.covariance[k, k] ** 0.5)) if free else (move, left)
-            out.append(SensorParameter(each.name, value, s, free, each))
+        free, (moves, open_) = joint.fit.free[at], joint.fit.scores(np.eye(len(joint.is_setup))[at])
+        values = np.where(free, joint.fit.theta[at], moves).tolist()
+        stds = np.where(free, np.sqrt(np.diag(joint.fit.covariance)[at]), open_).tolist()
+        for k, value, s, taken in zip(at.tolist(), values, stds, free.tolist(), strict=True):
+            each = replace(joint.setup[k], of=self.sensor) if joint.setup[k].of == GROUND else joint.setup[k]
+            out.append(SensorParameter(each.name, value, s, taken, each))
         return out
 
     @cached_property
@@ -198,7 +214,7 @@ class Payload(Brief):
 
     def verdict(self) -> PayloadVerdict:
         """Verdict on the payload with its standard deviations; a sentence when printed."""
-        values, _, std, identifiable = self.in_frame()
+        values, _, std, identifiable, _ = self.in_frame()
         return PayloadVerdict.of_body(self.estimate, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:

@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from ident.annotations import typed
 from ident.errors import InputError
@@ -26,9 +26,10 @@ from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.judgement.agreement import widening
 from ident.judgement.finding import Finding
-from ident.judgement.payload_findings import PayloadVerdict, load_findings
+from ident.judgement.payload_findings import load_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
+from ident.parameters.body_bounds import scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.payload.beyond_sensor import DENSITY
@@ -76,7 +77,7 @@ def joint_fit(
         mean: Mean of the load's prior (10,).
     """
     (together, cost), (apart, less) = (
-        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own=own) for own in ((), (FRICTION,))
+        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own) for own in ((), (FRICTION,))
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
@@ -99,30 +100,25 @@ def differing(
     i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
     design = np.zeros((len(first.theta), 10))
     design[: len(columns)] = columns
-    scale = np.sqrt(np.diag(first.covariance)[i] + np.diag(last.covariance)[k])
-    factor = np.linalg.cholesky(
-        (first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)]) / np.outer(scale, scale)
-    )
-    sides = np.column_stack([last.theta[k] - first.theta[i], design[i]]) / scale[:, None]
-    left, *X = np.linalg.solve(factor, sides).T
-    explained, _, rank, _ = np.linalg.lstsq(np.column_stack(X), left, rcond=RANK)
-    return float(np.sum((left - np.column_stack(X) @ explained) ** 2)), len(i) - int(rank)
+    root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)])
+    sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
+    left, X = sides[:, 0], sides[:, 1:]
+    explained, _, rank, _ = np.linalg.lstsq(X, left, rcond=RANK)
+    return float(np.sum((left - X @ explained) ** 2)), len(i) - int(rank)
 
 
 def _joined(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, load: Prior, own: tuple[str, ...]
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, load: Prior, apart: tuple[str, ...]
 ) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
-    A, B, names = _maps(without, loaded, columns, own)
+    A, B, names = _maps(without, loaded, columns, apart)
     first, last = (_as_stated(each, _stated(each)) for each in (without, loaded))
     at, count = slice(10, 10 + len(first.theta)), len(names)
     scales = np.flatnonzero(_scales(without) @ A)
-    precision, mean = np.zeros((count, count)), np.zeros(count)
-    precision[at, at], mean[at] = first.prior.precision, first.prior.mean
     # What both share has its prior once.
     alone = np.flatnonzero(B[:, at.stop :].any(axis=1))
-    precision[at.stop :, at.stop :] = last.prior.precision[np.ix_(alone, alone)]
-    mean[at.stop :] = last.prior.mean[alone]
+    own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
+    precision, mean = linalg.block_diag(*own), np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
     free, bound = (
         np.any([np.abs(mask @ T) > 0 for mask, T in zip(masks, (A, B), strict=True)], axis=0)
         for masks in ((first.free, last.free), (first.bound, last.bound))
@@ -257,15 +253,16 @@ class Load(Payload):
     @property
     def carried(self) -> str:
         """Sentence on what is carried, and by what."""
-        number = len(self.without.logs)
-        return (
-            f"Carried by '{self.body}'; links, drives and set-up are also those of {number} "
-            f"log{'s' * (number > 1)} without it."
-        )
+        logs = f"{len(self.without.logs)} log{'s' * (len(self.without.logs) > 1)}"
+        return f"Carried by '{self.body}'; links, drives and set-up are also those of {logs} without it."
 
     @property
     def _phi(self) -> np.ndarray:
         return self.physical.phi
+
+    @property
+    def _beside(self) -> np.ndarray:
+        return self.joint.fit.theta[:10] - self._phi
 
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -311,11 +308,6 @@ class Load(Payload):
             rubs=bool(rubs),
             differing=self.differing,
         )
-
-    def verdict(self) -> PayloadVerdict:
-        """Verdict on the load with its standard deviations; a sentence when printed."""
-        values, _, std, identifiable = self.in_frame()
-        return PayloadVerdict.of_body(self.estimate, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the model with the load on its body (10 b,)."""

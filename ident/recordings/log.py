@@ -25,6 +25,7 @@ from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force, with_servos
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
+from ident.recordings.saved import annotations
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
@@ -202,7 +203,10 @@ def _recordings(
         if first:
             notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
             _check(recording, mapping, mechanism, kinds, notes)
-        yield replace(recording, notes=notes, unused=unused)
+        origins = [annotations(table.metadata).get("provenance", {}) for table in tables]
+        yield replace(
+            recording, notes=notes, unused=unused, provenance={k: x for own in origins for k, x in own.items()}
+        )
     if clock is None:
         _check_length(0)
 

@@ -75,6 +75,7 @@ STATED = {
     "couplings": {"motor": {"shoulder": 1.0, "elbow": 0.5}},
     "followers": {"wrist": Follower("elbow", (0.0, 2.0), (-1.0, 1.5))},
     "servos": {"shoulder": Servo(50.0, 1.0)},
+    "provenance": {"seed": 3, "nested": {"a": [1, None]}},
 }
 
 

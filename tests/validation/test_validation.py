@@ -79,14 +79,15 @@ def test_an_arm_is_identified_as_by_the_command(result):
 def test_known_parameters_come_first(result):
     (truth,) = result.truths.values()
     assert truth.names == next(iter(result)).values.names and set(truth.rivals) == {MODEL, LEAST_SQUARES}
-    k, (value, _, std) = truth.names.index("Fc(turn)"), next(iter(result)).values["Fc(turn)"]
+    k, (value, std, std_setup) = truth.names.index("Fc(turn)"), next(iter(result)).values["Fc(turn)"]
+    std = std if truth.entry.true_files else std_setup
     assert truth.z[k] == pytest.approx((value - 0.9) / np.hypot(std, 0.01))
     np.testing.assert_allclose(truth.rivals[MODEL], truth.true, atol=1e-12)
     assert inside(truth.z) > 0.8 and truth.significant.sum() > 5
     (first, *_), number = report.lines(result), len(truth.names)
     assert re.fullmatch(
-        rf"Arm: of {number} known parameters \d+ % lie in our 95 % intervals, median error [\d.]+ %\. The error is of "
-        rf"the {truth.significant.sum()} that differ from zero in them\.",
+        rf"Arm: of {number} known parameters [\d.]+ % lie in our 95 % intervals, median error [\d.]+ %\. The error is "
+        rf"of the {truth.significant.sum()} that differ from zero in them\.",
         first,
     )
     shown = report.document(result, {})
@@ -97,7 +98,7 @@ def test_known_parameters_come_first(result):
     )
     assert shown.tables["table_truth"].rows[0][:2] == ("Arm", number)
     again = validation_study.study_of(json.loads(json.dumps(numbers(result))), {"arm": truth.entry})
-    np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=1e-3)
+    np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=3e-3)
 
 
 def test_other_software_stands_beside_the_estimate(result):
@@ -246,7 +247,7 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     made = validation_study.collected([entry], [validation_study.Task(entry, DATA)], [answer])
     assert list(made.truths) == ["tools 0.05 N", "tools 0.1 N", "tools 0.2 N"]
     low, usual, high = made.truths.values()
-    assert (low.std < high.std).all() and inside(made.truth_z) > 0.9
+    assert (low.upper - low.lower < high.upper - high.lower).all() and inside(made.truth_z) > 0.9
     assert usual.names[:2] == ("hammer mass", "hammer x") and inside(usual.z) == 1
     assert abs(usual.errors(usual.values)[0]) < 0.01 and usual.significant[[0, 2]].all()
     lines = report.lines(made)
@@ -292,18 +293,19 @@ def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgic
     truth = (StatedValue("mass", 0.105, 0.0005),)
     given = {"model": model.name, "body": "front", "truth": truth, "options": options, **logs}
     entry = Entry("arm", "An arm", "With and without.", "arm", True, Source("someone/arm"), (), **given)
-    values = np.arange(10.0)
+    values, ends = np.arange(10.0), 0.1 + np.arange(10.0)[:, None] + [-0.02, 0.03]
 
     def identified(robot, without, loaded, *, body):
         assert (len(without), len(loaded), body) == (2, 1, "front") and body in robot.bodies
         np.testing.assert_allclose(loaded[0]["motor_7_torque"], rows[:, 13], atol=1e-12)
-        return SimpleNamespace(in_frame=lambda: RigidBody(0.1 + values, values, 0.01 + values, values > 0))
+        return SimpleNamespace(in_frame=lambda: RigidBody(0.1 + values, values, 0.01 + values, values > 0, ends))
 
     monkeypatch.setattr(run, "identify_load", identified)
     with pytest.warns(ModelNote):
         known = run.of_load(entry, {entry.model: model, **{path.name: path for path in tmp_path.iterdir()}})
     assert (known["names"], known["units"], known["true"]) == (["mass"], ["kg"], [0.105])
-    assert (known["values"], known["std"], known["tolerance"]) == ([0.1], [0.01], [0.0005])
+    assert (known["values"], known["tolerance"]) == ([0.1], [0.0005])
+    assert (known["lower"], known["upper"]) == ([0.08], [0.13])
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry, StatedValue
 from experiments.studies.user_files import prepare, read_mechanism
@@ -25,10 +26,11 @@ from ident.judgement.agreement import differences
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.identified_payload import QUANTITIES, UNITS, described
+from ident.payload.identified_payload import QUANTITIES, UNITS, RigidBody, described
 from ident.payload.load import identify_load
 from ident.recordings.log import read_log
-from ident.tolerances import HOLDOUT
+from ident.setup import PRIORS
+from ident.tolerances import HOLDOUT, INTERVAL
 from sim.models.notes import ModelNote
 
 BODY = "tool"
@@ -40,6 +42,8 @@ MOST_ALONE = 3
 
 def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping[str, Any]) -> dict[str, Any]:
     """Known base parameters and drives of an entry, empty without any.
+
+    The set-up of a simulation is exact, so that its intervals are those from the noise.
 
     Args:
         entry: The recording.
@@ -56,16 +60,26 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
     if not known:
         return {}
     at = [own["names"].index(name) for name in known]
-    columns = {"names": "names", "units": "units", "values": "values", "std": "std_setup"}
-    rows = {name: [own[key][k] for k in at] for name, key in columns.items()}
+    std = "std" if entry.true_files else "std_setup"
+    names, units, x, half = ([own[key][k] for k in at] for key in ("names", "units", "values", std))
+    ends = np.array(x)[:, None] + INTERVAL * np.outer(half, [-1, 1])
     rivals = {name: [x[k] for k in at] for name, x in results["rivals"].items()}
-    return {**_beside(rows, list(known.values())), "rivals": rivals}
+    return _beside(list(known.values()), names, units, x, ends, rivals=rivals)
 
 
-def _beside(rows: Mapping[str, Sequence[Any]], known: Sequence[StatedValue]) -> dict[str, Any]:
-    """Estimates by `names`, `units`, `values` and `std`, and the known values beside them."""
-    tolerance = np.nan_to_num([each.std for each in known]).tolist()
-    return {**rows, "true": [each.value for each in known], "tolerance": tolerance, "rivals": {}}
+def _beside(
+    known: Sequence[StatedValue],
+    names: Sequence[str],
+    units: Sequence[str],
+    values: ArrayLike,
+    ends: np.ndarray,
+    **more: Any,
+) -> dict[str, Any]:
+    """Known parameters in JSON types, with estimates and the ends of their 95 % intervals (p, 2)."""
+    true, tolerance = [each.value for each in known], np.nan_to_num([each.std for each in known])
+    numbers = {"values": values, "lower": ends[:, 0], "upper": ends[:, 1], "true": true, "tolerance": tolerance}
+    lists = {key: np.asarray(x, float).tolist() for key, x in numbers.items()}
+    return {"names": list(names), "units": list(units), **lists, "rivals": {}, **more}
 
 
 def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
@@ -80,9 +94,9 @@ def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
     logs = ([read_log(paths[name], robot, columns) for (name,) in several] for several in (entry.empty, entry.loaded))
     body = identify_load(robot, *logs, body=entry.body).in_frame()
     at = [QUANTITIES.index(each.name) for each in entry.truth]
-    rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
-    rows |= {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
-    return {**_beside(rows, entry.truth), "seconds": time.process_time() - start}
+    names, units = ([each[k] for k in at] for each in (QUANTITIES, UNITS))
+    values, ends, seconds = body.values[at], body.intervals[at], time.process_time() - start
+    return _beside(entry.truth, names, units, values, ends, seconds=seconds)
 
 
 def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
@@ -98,21 +112,19 @@ def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
 
 def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict[str, Any]:
     """Known parameters of bodies, with the noise of a converter."""
-    start, out = time.process_time(), dict[str, list[Any]]()
-    for (log,), file in zip(entry.fitted, entry.true_files, strict=True):
-        alone = Mechanism.lone_body(BODY)
+    start, bodies, alone = time.process_time(), list[RigidBody](), Mechanism.lone_body(BODY)
+    fitting: dict[str, Any] = {"body": BODY, "sensor": entry.sensor, "offsets": entry.options.get("offsets", True)}
+    # The set-up of a simulation is exact.
+    fitting |= {"holdout": 0.0, "setup": dict.fromkeys(PRIORS, 0.0)}
+    for (log,) in entry.fitted:
         convert(converter, folder / log, scratch / log)
         recording = read_log(scratch / log, alone, columns_file(entry.options["columns"]))
-        offsets = entry.options.get("offsets", True)
-        body = identify_payload(
-            alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
-        ).in_frame()
-        names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
-        known = [StatedValue(name, x, 0.0) for name, x in zip(names, _body(folder / file).tolist(), strict=True)]
-        rows = {"names": names, "units": UNITS, "values": body.values.tolist(), "std": body.std_setup.tolist()}
-        for key, x in _beside(rows, known).items():
-            out.setdefault(key, []).extend(x)
-    return {**out, "rivals": {}, "seconds": time.process_time() - start}
+        bodies.append(identify_payload(alone, recording, **fitting).in_frame())
+    names = [f"{Path(log).stem} {name}" for (log,) in entry.fitted for name in QUANTITIES]
+    values, ends = (np.concatenate([getattr(body, key) for body in bodies]) for key in ("values", "intervals"))
+    true, seconds = np.concatenate([_body(folder / file) for file in entry.true_files]), time.process_time() - start
+    known = [StatedValue(name, x, 0.0) for name, x in zip(names, true.tolist(), strict=True)]
+    return _beside(known, names, UNITS * len(bodies), values, ends, seconds=seconds)
 
 
 def _body(path: Path) -> np.ndarray:
