@@ -57,7 +57,7 @@ def pytest_xdist_make_scheduler(config, log):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leaves figures in files and pages empty, as drawing takes most of a study's time."""
-    from fuzz.undrawn import leave_undrawn
+    from stand_ins import leave_undrawn
 
     leave_undrawn(monkeypatch)
 
@@ -65,7 +65,7 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def no_trajectory(monkeypatch):
     """Replaces trajectory estimates by the truth, as they take most of a study's time."""
-    from truth import use_truth
+    from stand_ins import use_truth
 
     use_truth(monkeypatch)
 
@@ -73,7 +73,7 @@ def no_trajectory(monkeypatch):
 @pytest.fixture
 def here(monkeypatch):
     """Runs commands in this process only, as starting others takes seconds."""
-    from fuzz.here import Here
+    from stand_ins import Here
 
     from experiments.runs import workers
 

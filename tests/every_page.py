@@ -4,14 +4,12 @@ import driven_arm
 import numpy as np
 import pytest
 import wrist
-from fuzz.here import Here
-from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from persons import briefly
 from registered import TEXT, files_of, recorded
 from registered import written as entry_file
-from truth import use_truth
+from stand_ins import Here, leave_undrawn, use_truth
 
 import scenes
 from experiments import (

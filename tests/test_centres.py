@@ -1,19 +1,25 @@
-"""Joints that lie elsewhere than in the model: found, fitted and in the intervals."""
+"""Joints that lie elsewhere than in the model, and predictions for a new motion, against MuJoCo."""
 
 from dataclasses import replace
 from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
+from random_models import ARM, inverse_dynamics, random_model_states
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench
 from slow_pendulum import TIME, motion
 
 import ident
+import scenes
 import sim
+from ident.estimation.equations import COMPONENTS
 from ident.identification import checked_setup
-from ident.mechanism.motion import Motion
 from ident.recordings.columns.mapping import stated_mapping
+from ident.recordings.recording import STATES
+from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS
+from sim.motion.excitation import DOUBLE_PENDULUM
 
 NOISE = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
 """Noise of the scene's wrench, N and N m."""
@@ -50,18 +56,6 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     assert (abs(taken.psi - TRUTH) > 3 * taken.std_setup).any()
     home = estimate.fit.equations.mechanism.tree.bodies[2].home
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
-
-
-def test_predictions_are_those_of_all_bodies_at_the_displaced_joints():
-    """Those parameters included that no channel shows where joints lie as in the model."""
-    estimate, (base, first, second) = identified(1.15), PENDULUM.tree.bodies
-    assert (estimate.held_out.ratio < 1.05 * estimate.rivals["least squares"]).all() and not estimate.verdict().doubts
-    states, home = motion(np.random.default_rng(1), 1.0), second.home.copy()
-    home[:3, 3] *= 1.15
-    tree = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
-    expected = ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
-    errors = estimate.predict(Motion(*states)) - expected
-    assert (errors.std(axis=0) < NOISE).all()
 
 
 def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):
@@ -108,3 +102,55 @@ def test_what_is_stated_of_centres_is_checked(centre, message):
         with pytest.raises(ident.InputError) as error:
             read({"centre": centre})
         assert str(error.value) == f"setup.{message}"
+
+
+def simulated(excitation, **changes):
+    return sim.simulate(scenes.load("double_pendulum"), replace(excitation, **changes), samples=300, noise_scale=0)
+
+
+@pytest.mark.parametrize("offsets", [False, True])
+def test_the_wrench_of_another_motion_is_mujocos(offsets):
+    arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
+    estimate = ident.identify(arm, simulated(DOUBLE_PENDULUM), offsets=offsets, holdout=0, estimator="weighted")
+    other = simulated(DOUBLE_PENDULUM, phase=DOUBLE_PENDULUM.phase + 1, frequency=1.3 * DOUBLE_PENDULUM.frequency)
+    predicted = estimate.predict(ident.Motion(*other.joint_states(arm.tree.joints)))
+    # Without noise Fx is zero in the pendulum's plane, and is no channel.
+    assert estimate.channels == COMPONENTS[1:] and predicted.shape == (300, 5)
+    np.testing.assert_allclose(predicted, other.wrench("ground").values[:, 1:], rtol=0, atol=1e-6)
+    with pytest.raises(ident.InputError, match="Joint velocities need 2 columns"):
+        estimate.predict(ident.Motion(np.zeros((3, 2)), np.zeros((3, 1)), np.zeros((3, 2))))
+
+
+@pytest.mark.parametrize("felt", [("shoulder", "elbow"), ("elbow",)])
+def test_channels_are_the_sensors_own(felt):
+    """A sensor that is turned and off the base's origin, with five components, and joint torques.
+
+    A joint without measured torque has drive columns of zeros before those of the other one.
+    """
+    turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
+    model = mujoco.MjModel.from_xml_string(turned)
+    arm = sim.mechanism(model, base="base")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = data.site("ground").xmat.reshape(3, 3), data.site("ground").xpos
+    there = [0, 2, 3, 4, 5]
+
+    def recorded(seed):
+        states = random_model_states(np.random.default_rng(seed), model, 200)
+        torques, wrench = inverse_dynamics(model, *states)
+        measured = np.where(np.isin(range(6), there), wrench, np.nan)
+        channels = {"ground_force": measured[:, :3], "ground_torque": measured[:, 3:]}
+        for k, joint in enumerate(arm.tree.joints):
+            channels |= {f"{joint}_{kind}": x[:, k] for kind, x in zip(STATES, states, strict=True)}
+            channels |= {f"{joint}_torque": torques[:, k]} if joint in felt else {}
+        recording = ident.Recording(np.arange(200) / 100, channels, sensors={"ground": Sensor(None, pose)})
+        return recording, ident.Motion(*states), np.hstack([wrench[:, there], torques[:, -len(felt) :]])
+
+    recording, _, _ = recorded(0)
+    estimate = ident.identify(arm, recording, drive=("rotor", "viscous"), holdout=0, estimator="weighted")
+    assert estimate.channels == ("Fx", "Fz", "Mx", "My", "Mz", *felt)
+    _, motion, expected = recorded(1)
+    predicted = estimate.predict(motion)
+    assert predicted.shape == expected.shape
+    np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-6 * abs(expected).max())

@@ -1,13 +1,28 @@
-"""Numbers of an estimate for comparison with published ones."""
+"""Estimates: their numbers, fitted drives, bodies, and one answer by commands and in Python."""
 
+import json
+from dataclasses import replace
 from functools import cache
 
+import driven_arm
 import numpy as np
+import pytest
 from recorded_faults import PENDULUM, estimated, faulty
 
 import ident
+import scenes
+import sim
+from experiments import identify, stream
+from ident.geometry.inertia import parameters_from_com
+from ident.mechanism.body import Body
+from ident.mechanism.drives import Actuator, Drive
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import BASE, Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
+from ident.recordings.recording import Recording
+from ident.setup import PRIORS
+from sim.motion.excitation import DOUBLE_PENDULUM
 
 
 @cache
@@ -36,3 +51,167 @@ def test_condition_numbers_are_those_of_the_regressor_as_it_is_and_with_unit_nor
     np.testing.assert_allclose(numbers["raw"], np.linalg.cond(Y), rtol=1e-9)
     np.testing.assert_allclose(numbers["unit_norm"], np.linalg.cond(Y / np.linalg.norm(Y, axis=0)), rtol=1e-9)
     assert numbers["weighted"] == ordinary().condition_number
+
+
+TRUE = {
+    "Ia(bend)": 0.05,
+    **{f"Fv({joint})": x for joint, x in zip(driven_arm.JOINTS, driven_arm.TRUE["damping"], strict=True)},
+    **{f"Fc({joint})": x for joint, x in zip(driven_arm.JOINTS, driven_arm.TRUE["frictionloss"], strict=True)},
+    "K(lift)": 8.0,
+}
+"""Drives that the links do not absorb."""
+
+
+@cache
+def weighted(*, stated=True, **options):
+    arm = driven_arm.mechanism(**({} if stated else driven_arm.NONE))
+    return ident.identify(arm, driven_arm.log(), estimator="weighted", cutoff=8.0, **options)
+
+
+def values(estimate):
+    return dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
+
+
+def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
+    estimate = weighted()
+    drives = estimate.fit.names[estimate.base.rank : -3]
+    assert set(drives) == set(TRUE) and len(drives) == len(TRUE)
+    assert not any(name.startswith("K(") for name in weighted(stated=False).names)
+    for name, value in TRUE.items():
+        assert values(estimate)[name] == pytest.approx(value, rel=0.06), name
+
+
+def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
+    exact = dict.fromkeys(PRIORS, 0.0)
+    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=exact, known=False)
+    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
+    z = {name: (values(estimate)[name] - value) / std[name] for name, value in TRUE.items()}
+    assert max(map(abs, z.values())) < 3.5, z
+    assert all(std[name] < 0.1 * value for name, value in TRUE.items())
+    model = estimate.fit.equations.from_model
+    z = (estimate.psi - model[: estimate.base.rank]) / estimate.std
+    assert np.abs(z).max() < 3.5
+
+
+def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_bodies():
+    estimate = weighted()
+    np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
+    assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
+
+
+def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
+    estimate = weighted()
+    drives, stated = estimate.drives, driven_arm.mechanism().drives
+    assert drives["turn"].rotor == stated["turn"].rotor == 0.2
+    assert drives["bend"].rotor == values(estimate)["Ia(bend)"] != stated["bend"].rotor
+    assert drives["lift"].stiffness == values(estimate)["K(lift)"] and drives["lift"].springref == 0.4
+    assert {name: drive.coulomb for name, drive in drives.items()} == {
+        name: values(estimate)[f"Fc({name})"] for name in driven_arm.JOINTS
+    }
+    geared = Drive(rotor=0.1, actuators=(Actuator("motor", gear=10.0, rotor=2e-3, viscous=0.01),))
+    assert geared.with_value("rotor", 0.5).rotor == pytest.approx(0.3)
+    assert geared.with_value("viscous", 0.5).viscous == 0 and geared.with_value("stribeck", 1.0) == geared
+
+
+def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
+    recording = driven_arm.log()
+    torque = recording["bend_torque"].copy()
+    torque[: round(0.7 * len(torque))] = 0.0
+    flat = replace(recording, measured={**recording.measured, "bend_torque": torque})
+    exact = dict.fromkeys(PRIORS, 0.0)
+    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=exact)
+    assert estimate.channels == ("turn", "lift")
+    k = estimate.base.names.index("Izz1")
+    assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
+    assert not any("bend" in name for name in estimate.fit.equations.drives)
+
+
+HINGE = np.array([0.0, 0, 0, 0, 1, 0])
+MODEL = parameters_from_com(0.675, [0, 0, -0.434], np.diag([0.003, 0.003, 0.0005]))
+ROD = Mechanism(Tree((Body("rod", BASE, np.eye(4), HINGE, "hinge"),)), np.array([0, 0, -9.81]), MODEL)
+
+
+def log(center=0.15, inertia=0.003, *, hand=False):
+    """A rod of the model's mass with another centre, whose motor a hand may relieve of the inertia."""
+    rng, t = np.random.default_rng(0), np.arange(0, 12, 0.02)
+    waves = [(0.9, 1.7, 0), (0.5, 3.1, 1), (0.3, 4.3, 2), (0.2, 5.9, 3)]
+    q, ddq = (sum(a * w**k * np.sin(w * t + p) * (-1) ** (k // 2) for a, w, p in waves) for k in (0, 2))
+    total = (inertia + 0.675 * center**2) * (not hand)
+    torque = total * ddq + 0.675 * 9.81 * center * np.sin(q)
+    noisy = {
+        "hinge_position": q + 1e-4 * rng.normal(size=len(t)),
+        "hinge_torque": torque + 0.01 * rng.normal(size=len(t)),
+    }
+    return Recording(t, noisy)
+
+
+@pytest.mark.parametrize("std", [0.0, 0.01])
+def test_a_stated_mass_binds_the_bodies(std):
+    """Without it they would have any mass that the first moment and the inertia allow."""
+    estimate = ident.identify(replace(ROD, prior_known={"rod": {"mass": std}}), log(), known=True)
+    full = estimate.consistent()
+    assert full.attainable and full.phi[0] == pytest.approx(0.675, rel=1e-4 + 2 * std)
+    assert (
+        full.values[0, 3] == pytest.approx(-0.15, abs=0.01)
+        and full.intervals[0, 3, 0] < -0.15 < full.intervals[0, 3, 1]
+    )
+    free = ident.identify(ROD, log()).consistent()
+    assert not free.rows[0].determined and free.intervals[0, 0, 0] < 0.675 and free.intervals[0, 0, 1] == np.inf
+
+
+@pytest.mark.parametrize("known", [None, True])
+def test_a_model_without_masses_is_identified(known):
+    estimate = ident.identify(replace(ROD, prior=None), log(), known=known)
+    psi = dict(zip(estimate.names, estimate.psi.tolist(), strict=True))
+    assert psi["m1rz1"] == pytest.approx(-0.675 * 0.15, rel=0.03) and psi["Iyy1"] == pytest.approx(0.0182, rel=0.1)
+    full = estimate.consistent()
+    assert full.attainable and full.phi[0] > 0 and full.rows[0].model is None and estimate.verdict().usable
+    drives = estimate.drives_updated["hinge"]
+    assert all(len(repr(x)) < 12 for x in (drives.viscous, drives.coulomb, drives.rotor)) and drives.coulomb < 0.01
+
+
+SAMPLES = 600
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A model, two recordings of it, and options."""
+    spec = scenes.load("double_pendulum")
+    for seed, name in enumerate(("run.csv", "other.csv")):
+        sim.simulate(spec, DOUBLE_PENDULUM, samples=SAMPLES, seed=seed).save(tmp_path / name)
+    (tmp_path / "arm.xml").write_text(spec.to_xml(), encoding="utf-8")
+    return [str(tmp_path / "arm.xml"), str(tmp_path / "run.csv"), "--base", "base", "--out", str(tmp_path / "out")]
+
+
+def written(out):
+    return json.loads((out / "estimate.json").read_text(encoding="utf-8"))
+
+
+def assert_the_same(answers):
+    (first, first_std), *others = answers
+    for psi, std in others:
+        np.testing.assert_allclose(psi, first, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(std, first_std, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.parametrize(("offsets", "other"), [(True, False), (False, True)])
+def test_commands_and_python_agree(tmp_path, files, offsets, other, capsys):
+    log, model, held_out = tmp_path / "run.csv", tmp_path / "arm.xml", tmp_path / "other.csv"
+    files += ["--offsets" if offsets else "--no-offsets", *(["--held-out", str(held_out)] if other else [])]
+    ordinary = ["--estimator", "ordinary", "--holdout", "0", "--name", "whole"]
+    assert identify.main([*files, *ordinary]) == stream.main([*files, "--name", "former"]) == 0
+    assert "`stream` is `identify --estimator ordinary --holdout 0` now" in capsys.readouterr().err
+    by_identify, by_former_name = (written(tmp_path / "out" / name) for name in ("whole", "former"))
+    assert by_identify == by_former_name
+    arm = sim.mechanism(model, base="base")
+    estimate = ident.identify(
+        arm,
+        ident.read_log(log, arm),
+        estimator="ordinary",
+        offsets=offsets,
+        holdout=0,
+        held_out=[ident.read_log(held_out, arm)] if other else [],
+    )
+    rank = len(estimate.psi)
+    assert_the_same([(by_identify["values"][:rank], by_identify["std"][:rank]), (estimate.psi, estimate.std)])

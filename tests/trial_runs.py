@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz.here import Here
+from stand_ins import Here
 
 from experiments import multicontact
 from experiments.data.simulated_study import StudyProblem
@@ -86,7 +86,7 @@ from experiments import multicontact
 from experiments.cli import running
 from experiments.document import figures
 from experiments.runs.environment import end_silently
-from truth import use_truth
+from stand_ins import use_truth
 end_silently()
 running.GRACE = 60.0
 figures.drawn = lambda figure, extension: b""

@@ -1,19 +1,24 @@
-"""Help texts of the commands, and that printing them costs next to nothing."""
+"""Help texts of the commands, and who computes the pieces of an estimate."""
 
+import argparse
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from stand_ins import Here
 
 import experiments
-from experiments import mechanism
+from experiments import identify, mechanism
 from experiments.cli.command import COMMANDS, main
+from experiments.runs.environment import THREADS
 
 TOP = Path(experiments.__file__).parent
-
 HELP = """
 import sys
 from experiments.cli.command import COMMANDS, parser
@@ -78,3 +83,30 @@ def test_the_shell_completes_commands_and_options(tmp_path):
         shell |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(completions)}
         python("-c", "from experiments.cli.command import main; main()", **shell)
         assert completions.read_text().split("\n") == expected
+
+
+SHORT, LONGER, LONG = identify.THREADED - 1, identify.THREADED, identify.PAYS
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("work", "workers", "threads", "kind"),
+    [
+        (SHORT, None, "1", type(None)),
+        (LONGER, None, "1", ThreadPoolExecutor),
+        (LONGER, 1, "1", type(None)),
+        (LONGER, 2, "1", Here),
+        (LONGER, None, "4", type(None)),
+        (LONG, None, "1", Here),
+    ],
+)
+def test_threads_share_the_pieces_of_recordings_that_are_neither_short_nor_long(
+    monkeypatch, work, workers, threads, kind
+):
+    """Unless linear algebra has threads of its own, or one worker is asked for."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    for name in THREADS:
+        monkeypatch.setenv(name, threads)
+    log = SimpleNamespace(samples=SimpleNamespace(motion=SimpleNamespace(q=np.zeros((work, 1)))))
+    with identify._workers(argparse.Namespace(workers=workers, estimator="trajectory"), [log]) as executor:
+        assert type(executor) is kind

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
-from fuzz.undrawn import leave_undrawn, not_drawn
-from truth import use_truth
+from stand_ins import leave_undrawn, not_drawn, use_truth
 
 import experiments
 import scenes

@@ -4,7 +4,6 @@ import os
 import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from time import process_time
 from typing import Annotated, Any
 
@@ -119,27 +118,10 @@ def test_the_longest_run_of_missing_samples_is_named(missing, message):
     np.testing.assert_array_equal(table.column("x", gaps=True), x)
 
 
-FULL = Path("/dev/full")
-
-
 def write(path, text):
     with replacing(path) as temporary:
         assert temporary.suffix == path.suffix
         temporary.write_text(text)
-
-
-@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
-def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
-    write(tmp_path / "a.csv", "first")
-    sentence = (
-        rf"^'{tmp_path}/a.csv' could not be written \({os.strerror(28)}\) and is as it was; "
-        r"make room or write elsewhere, and run again\.$"
-    )
-    with pytest.raises(OSError, match=sentence), replacing(tmp_path / "a.csv") as temporary:
-        temporary.unlink()
-        temporary.symlink_to(FULL)
-        temporary.write_text("second")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")

@@ -1,4 +1,4 @@
-"""Angles from markers: exact without noise, and with noise within the stated covariance."""
+"""Angles and lengths from markers: exact without noise, and with noise within the stated covariance."""
 
 from types import SimpleNamespace
 
@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from marked import errors, labels_of, marked_person, trial
 
+from ident.errors import InputError, ModelError
 from sim.markers.frame_fit import Kinematics
-from sim.markers.marked_model import marked_model
+from sim.markers.lengths import grouped, scaled_model, scaling
+from sim.markers.marked_model import base_of, marked_model
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import fit_trial
-from sim.markers.trial_recording import swaps
+from sim.markers.trial_recording import recording, swaps
 
 FRAMES = 60
 
@@ -110,3 +113,96 @@ def test_slides_and_fixed_joints():
     postures = fit_trial(marked, np.array([data.site_xpos]))
     np.testing.assert_allclose(postures.qpos, [[0.2, 0.5, 0.3]], atol=1e-9)
     assert marked.dof_names == ["s", "h"]
+
+
+@pytest.fixture(scope="module")
+def scaled_person():
+    """A model, factors on its bodies' lengths, and marker positions of a person with these lengths."""
+    spec = marked_person()
+    model = spec.compile()
+    groups = grouped(model)
+    factors = np.random.default_rng(2).uniform(0.85, 1.15, len(groups))
+    other = scaled_model(model, groups, factors)
+    marked, _ = marked_model(spec, labels_of(model))
+    return marked, groups, factors, other, *trial(other, 12)
+
+
+def test_factors_are_recovered_and_angles_with_them(scaled_person):
+    marked, groups, factors, other, _, qpos, x = scaled_person
+    scaled = scaling(marked, x, groups)
+    np.testing.assert_allclose(scaled.factors, factors, atol=1e-7)
+    postures = fit_trial(marked.with_lengths(scaled.model), x)
+    assert np.abs(errors(other, postures.qpos, qpos)).max() < 1e-5
+
+
+def test_with_noise_factors_are_within_their_deviations(scaled_person):
+    marked, groups, factors, _, _, _, x = scaled_person
+    scaled = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
+    z = (scaled.factors - factors) / scaled.std
+    assert (z**2).sum() < 45 and scaled.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
+
+
+def test_sides_and_groups_share_a_factor(scaled_person):
+    model = scaled_person[0].model
+    names = grouped(model, alike=True)
+    assert ("left_thigh", "right_thigh") in names and ("pelvis",) in names and len(names) == 11
+    assert grouped(model, [("abdomen", "thorax")])[0] == ("abdomen", "thorax")
+    with pytest.raises(InputError, match="'thorax' is in two groups"):
+        grouped(model, [("abdomen", "thorax"), ("thorax",)])
+    with pytest.raises(ModelError, match="no body named 'tail'"):
+        grouped(model, [("tail",)])
+
+
+def test_lengths_that_are_no_persons_are_refused(scaled_person):
+    marked, groups, *_ = scaled_person
+    tall = scaled_model(marked.model, [("left_thigh", "right_thigh")], np.array([4.0]))
+    *_, x = trial(tall, 3)
+    with pytest.raises(InputError, match=r"of \w+_thigh would have to be scaled by more than 0\.3 to 3: check unit"):
+        scaling(marked, x, groups)
+
+
+def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
+    marked, groups, factors, *_ = scaled_person
+    model = scaled_model(marked.model, groups, factors, mass=1.25)
+    write_scaled(tmp_path / "scaled.xml", marked.spec, model)
+    read = mujoco.MjModel.from_xml_path(str(tmp_path / "scaled.xml"))
+    assert read.body_mass.sum() == pytest.approx(1.25 * marked.model.body_mass.sum(), rel=1e-12)
+    rng, positions = np.random.default_rng(0), []
+    qpos = model.qpos0.copy()
+    mujoco.mj_integratePos(model, qpos, rng.normal(scale=0.4, size=model.nv), 1.0)
+    for each in (model, read):
+        data = mujoco.MjData(each)
+        data.qpos = qpos
+        mujoco.mj_forward(each, data)
+        positions.append(np.vstack([data.site_xpos, data.xipos, [data.subtree_com[0]]]))
+    np.testing.assert_allclose(*positions, atol=1e-9)
+    np.testing.assert_allclose(read.body_inertia, model.body_inertia, rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def seen_person():
+    spec = marked_person()
+    model = spec.compile()
+    marked, _ = marked_model(spec, labels_of(model))
+    return marked, *trial(model, 30)
+
+
+def test_frames_without_markers_and_joints_without_any(seen_person):
+    marked, time, qpos, x = seen_person
+    y = x.copy()
+    y[10:13] = np.nan
+    y[:, [k for k, label in enumerate(marked.labels) if label.startswith(("left_hand", "left_toes"))]] = np.nan
+    base = base_of(marked.model, None)
+    angles = recording(fit_trial(marked, y), time, base)
+    assert base == "pelvis" and angles.base.shape == (30, 4, 4)
+    assert "left_toes_position" not in angles.measured and "left_wrist_flexion_position" not in angles.measured
+    assert "The markers do not determine joint 'left_toes', which has no channel." in angles.notes
+    assert "Joint 'left_knee' is interpolated in 3 frames that do not determine it." in angles.notes
+    assert "The base is interpolated in 3 frames that do not determine it." in angles.notes
+    knee = qpos[:, marked.model.joint("left_knee").qposadr[0]]
+    there = np.delete(np.arange(30), [10, 11, 12])
+    np.testing.assert_allclose(angles["left_knee_position"][there], knee[there], atol=1e-9)
+    np.testing.assert_allclose(angles["left_knee_position"][10:13], np.interp([1, 2, 3], [0, 4], knee[[9, 13]]))
+    np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
+    assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
+    assert 0 <= angles.noise["left_knee_position"] < 1e-8

@@ -1,13 +1,20 @@
-"""Bases moved by joints: their motion, and a sensor's reading of the bodies on them, against MuJoCo."""
+"""Bases that move: carriers of payloads, with and without loops, and mechanisms free in a plane."""
 
 import mujoco
 import numpy as np
 import pytest
+import sagittal_walker
+import walker
 import wrist
+from looped import CRANK, GRIPPER_EQUALITY, GRIPPER_LINKS, ROCKER, body, closed, text
+from scipy.spatial.transform import Rotation
 
 import ident
+import scenes
 import sim
-from ident.geometry.se3 import coAd, inverse
+from ident.errors import ModelError
+from ident.geometry.se3 import coAd, inverse, pose
+from ident.mechanism.mechanism import out_of_plane, plane_normal
 from ident.model.regressor import base_wrench_regressor
 
 ARM = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
@@ -45,3 +52,124 @@ def test_what_cannot_be_carried_is_refused():
     )
     with pytest.raises(ident.InputError, match="No joint moves 'a'"):
         still.beyond("a")
+
+
+HAND = """<body name="hand" pos="0.3 0 0.12">
+<inertial mass="0.9" pos="0.02 0.01 -0.05" diaginertia="2e-3 3e-3 2e-3"/></body>"""
+_ROD = '<body name="rod" pos="0 0 0.1">'
+PALLETIZER = text(
+    body("turret", "yaw", "0 0 0.05", 1, CRANK.replace(_ROD, _ROD + HAND) + ROCKER, axis="0.3 0 0.954"),
+    '<connect name="pin" body1="rod" body2="rocker" anchor="0.25 0 0.07"/>',
+)
+HOLDING = text(body("upper", "lift", "0 0 0.2", 1.0, GRIPPER_LINKS), GRIPPER_EQUALITY)
+T = np.arange(600) / 100
+
+
+def swings(a, b):
+    """A sum of sines and its derivatives (N,)."""
+    return [
+        sum(size * w**k * np.sin(w * T + k * np.pi / 2) for size, w in ((0.6, a), (0.2, b)))
+        for k in range(3)
+    ]  # fmt: skip
+
+
+def read(model):
+    return sim.mechanism(mujoco.MjSpec.from_string(model))
+
+
+def motions():
+    """States of the driven joints, and of all joints, by name (3, N)."""
+    arm = read(PALLETIZER).closed(("rod", "rocker"), ("yaw", "crank"))
+    own = {"yaw": swings(1.1, 3.7), "crank": swings(1.7, 4.9)}
+    states = [np.stack([own[joint][k] for joint in arm.tree.joints], axis=1) for k in range(3)]
+    others = arm.tree.dependent_states(*states)
+    return own, own | {joint: [x[:, k] for x in others] for k, joint in enumerate(arm.tree.dependent)}
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_a_carrier_with_loops_moves_as_one_whose_joints_are_all_logged():
+    own, every = motions()
+    carrier = read(PALLETIZER).beyond("hand").carrier
+    assert {*carrier.joints} == {"yaw", "crank", "rod", "rocker"}
+    moving = carrier.closed(("rod", "rocker"))
+    assert moving.joints == ("yaw", "crank") and carrier.closed(()) is carrier
+    first = moving.motion(*(np.stack([own[joint][k] for joint in moving.joints], axis=1) for k in range(3)))
+    second = carrier.motion(*(np.stack([every[joint][k] for joint in carrier.joints], axis=1) for k in range(3)))
+    for computed, expected in zip((first.T, first.V, first.dV), (second.T, second.V, second.dV), strict=True):
+        np.testing.assert_allclose(computed, expected, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+@pytest.mark.slow
+def test_a_payload_is_weighed_beyond_a_loop():
+    arm, (own, every), rng = read(PALLETIZER), motions(), np.random.default_rng(0)
+    part = arm.beyond("hand")
+    carried = part.carrier.motion(*(np.stack([every[j][k] for j in part.carrier.joints], axis=1) for k in range(3)))
+    none = np.zeros((3, len(T), 0))
+    wrench = base_wrench_regressor(part.tree, *none, gravity=part.gravity, base=carried) @ (1.5 * part.known)
+    wrench += rng.normal(size=wrench.shape) * [0.05, 0.05, 0.05, 0.003, 0.003, 0.003]
+    log = {"time": T} | {f"{joint}_position": x[0] + 1e-4 * rng.normal(size=len(T)) for joint, x in own.items()}
+    log |= dict(zip([f"tool_{letter}{x}" for letter in "fm" for x in "xyz"], wrench.T, strict=True))
+    of_tool = {"body": "hand", "force": list(log)[-6:-3], "torque": list(log)[-3:]}
+    recording = ident.read_log(log, arm, {"wrenches": {"tool": of_tool}})
+    found = ident.identify_payload(arm, recording, body="hand", sensor="tool").in_frame()
+    true = np.array([1.35, 0.02, 0.01, -0.05, 3e-3, 4.5e-3, 3e-3])
+    assert (abs(found.values[:7] - true) < 4 * found.std_setup[:7]).all() and abs(found.values[0] - 1.35) < 0.02
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_what_loops_hold_rests_with_the_joints_that_are_fixed():
+    arm = read(HOLDING).fixed({"left_driver": [0.2]})
+    assert arm.tree.joints == ("lift",) and len(arm.tree.still) == 6
+    gripper = closed("gripper").tree
+    poses = dict(zip(gripper.names, gripper.poses(np.array([0.2])), strict=True))
+    upper = np.linalg.inv(arm.tree.poses(np.zeros(1))[arm.tree.names.index("upper")])
+    for name, own in zip(arm.tree.names, arm.tree.poses(np.zeros(1)), strict=True):
+        if name in gripper.names[1:]:
+            np.testing.assert_allclose(upper @ own, poses[name], atol=1e-9)
+    with pytest.raises(ModelError, match="cannot be closed in the model's posture"):
+        read(HOLDING).fixed({"left_driver": [2.5]})
+
+
+AT_REST = np.eye(4)
+
+
+def read_planar(text, **options):
+    return sim.mechanism(mujoco.MjSpec.from_string(text), **options)
+
+
+def turned(*rpy_deg):
+    return pose(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix(), np.array([0.3, 0.1, -0.2]))
+
+
+def test_a_sagittal_model_cannot_explain_what_is_sideways():
+    person = sagittal_walker.mechanism()
+    np.testing.assert_allclose(np.abs(plane_normal(person)), [0, 0, 1], atol=1e-12)
+    assert out_of_plane(person, AT_REST) == (2, 3, 4)
+
+
+def test_components_are_those_in_the_sensors_axes():
+    person = sagittal_walker.mechanism()
+    assert out_of_plane(person, turned(0, 0, 30)) == (2, 3, 4)
+    assert out_of_plane(person, turned(90, 0, 0)) == (1, 3, 5)
+    assert out_of_plane(person, turned(0, -90, 0)) == (0, 4, 5)
+    assert out_of_plane(person, turned(10, 0, 0)) == ()
+
+
+@pytest.mark.parametrize(
+    "person",
+    [
+        read_planar(sagittal_walker.text(gravity="0 0 -9.81")),
+        read_planar(sagittal_walker.text(gravity="0 -9.7 -1")),
+        read_planar(sagittal_walker.text(knee="0.1 0 1")),
+        read_planar(sagittal_walker.text(), fix={"tx": [0.0]}),
+        read_planar(sagittal_walker.text(), fix={"tilt": [0.2]}),
+        read_planar(sagittal_walker.text(), base="pelvis"),
+        sagittal_walker.mechanism().beyond("foot_r"),
+        walker.mechanism(),
+        sim.mechanism(scenes.load("double_pendulum"), base="base"),
+    ],
+    ids=("seen_from_above", "slope", "oblique_knee", "held_in_x", "upright", "posed", "a_foot", "in_space", "arm"),
+)
+def test_of_all_others_every_component_counts(person):
+    assert plane_normal(person) is None and out_of_plane(person, AT_REST) == ()

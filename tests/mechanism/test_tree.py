@@ -1,3 +1,5 @@
+"""Trees of bodies, by themselves and from tables of modified Denavit-Hartenberg parameters."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -6,6 +8,7 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, rand
 
 from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
+from ident.mechanism.dh import Frame, tree_from_mdh
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -113,3 +116,121 @@ def test_a_mechanism_floats_where_the_joints_of_its_first_body_leave_it_free():
     assert not Tree((*free.bodies, Body("chair", -1, np.eye(4), np.zeros(6)))).floats
     assert not free.fixed({"root:x": [0.0]}).floats
     assert not tree.floats and not double_pendulum().floats
+
+
+def rotation(axis, angle):
+    i, j = [k for k in range(3) if k != axis]
+    R = np.eye(4)
+    R[i, i] = R[j, j] = np.cos(angle)
+    R[i, j], R[j, i] = (-np.sin(angle), np.sin(angle)) if axis != 1 else (np.sin(angle), -np.sin(angle))
+    return R
+
+
+def translation(axis, amount):
+    T = np.eye(4)
+    T[axis, 3] = amount
+    return T
+
+
+def test_a_row_is_khalil_and_kleinfingers_product():
+    frame = Frame("1", None, "fixed", alpha=0.3, d=0.2, theta=-1.1, r=0.7, gamma=0.5, b=-0.4)
+    expected = rotation(2, 0.5) @ translation(2, -0.4) @ rotation(0, 0.3) @ translation(0, 0.2)
+    expected = expected @ rotation(2, -1.1) @ translation(2, 0.7)
+    np.testing.assert_allclose(frame.home, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("kind", "moved"), [("revolute", "theta"), ("prismatic", "r")])
+def test_the_joint_adds_to_its_angle_or_distance(kind, moved):
+    row = {"alpha": 0.3, "d": 0.2, "theta": -1.1, "r": 0.7}
+    tree = tree_from_mdh([Frame("1", None, kind, **row)])
+    shifted = Frame("1", None, "fixed", **(row | {moved: row[moved] + 0.6}))
+    np.testing.assert_allclose(tree.poses(np.array([0.6]))[0], shifted.home, atol=1e-15)
+
+
+def test_fixed_frames_fold_away_on_a_branching_tree():
+    tree = tree_from_mdh(
+        [
+            Frame("pedestal", None, "fixed", r=0.5),
+            Frame("turn", "pedestal", "revolute", alpha=0.4, inertia=False),
+            Frame("column", "turn", "fixed", d=0.3),
+            Frame("left", "column", "revolute", gamma=0.2, d=0.1),
+            Frame("right", "column", "prismatic", gamma=-0.2, d=0.1, inertia=False),
+            Frame("tool", "right", "fixed", theta=0.3, r=0.2),
+            Frame("camera", "right", "fixed", d=0.1),
+        ]
+    )
+    assert tree.names == ("pedestal", "column", "left", "tool", "camera")
+    assert [body.parent for body in tree.bodies] == [BASE, 0, 1, 1, 3]
+    assert tree.joints == ("turn", "left", "right")
+    q = np.array([0.3, -0.8, 0.25])
+    at = {name: T for name, T in zip(tree.names, tree.poses(q), strict=True)}
+    turn = translation(2, 0.5) @ rotation(0, 0.4) @ rotation(2, 0.3)
+    column = turn @ translation(0, 0.3)
+    right = column @ rotation(2, -0.2) @ translation(0, 0.1) @ translation(2, 0.25)
+    np.testing.assert_allclose(at["column"], column, atol=1e-15)
+    left = column @ rotation(2, 0.2) @ translation(0, 0.1) @ rotation(2, -0.8)
+    np.testing.assert_allclose(at["left"], left, atol=1e-15)
+    np.testing.assert_allclose(at["tool"], right @ rotation(2, 0.3) @ translation(2, 0.2), atol=1e-15)
+    np.testing.assert_allclose(at["camera"], right @ translation(0, 0.1), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (
+            [Frame("1", None, "spherical")],
+            r"Row 1 \(frame '1'\) needs a joint type out of revolute, prismatic, fixed, got",
+        ),
+        ([Frame("1", None, "fixed"), Frame("1", None, "fixed")], "Row 2 gives frame '1' a second time"),
+        (
+            [Frame("1", "2", "fixed"), Frame("2", "1", "fixed")],
+            r"Row 1 .*parent from a row before it \(none but the base",
+        ),
+        ([Frame("1", None, "fixed"), Frame("2", "9", "fixed")], r"Row 2 .*before it \(1\), got '9'"),
+        (
+            [Frame("1", None, "revolute"), Frame("2", "1", "fixed", follows={"1": 1.0})],
+            r"Row 2 .* has follows without a joint",
+        ),
+        ([Frame("1", None, "revolute", constant=0.3)], r"Row 1 .* constant without follows; state zeros by theta"),
+    ],
+)
+def test_tables_that_are_no_trees_are_refused(frames, message):
+    with pytest.raises(ModelError, match=message):
+        tree_from_mdh(frames)
+
+
+def test_a_parallelogram_of_dependent_joints_keeps_its_last_link_upright():
+    """Khalil and Dombre's table of a parallelogram, opened: the last link turns back by what those before it turned."""
+    rows = [
+        Frame("1", None, "revolute", alpha=0.0),
+        Frame("2", "1", "revolute", alpha=np.pi / 2, d=0.2),
+        Frame("3", "2", "revolute", d=0.5, follows={"2": -1.0}, constant=np.pi / 2),
+        Frame("4", "3", "revolute", d=0.4, follows={"3": 2.0, "1": 0.5}, constant=0.1),
+    ]
+    tree, free = tree_from_mdh(rows), tree_from_mdh([replace(row, follows={}, constant=0.0) for row in rows])
+    assert tree.joints == ("1", "2") and tree.dependent == ("3", "4")
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    third = np.pi / 2 - q[:, 1]
+    np.testing.assert_allclose(
+        tree.poses(q), free.poses(np.stack([*q.T, third, 0.1 + 2 * third + 0.5 * q[:, 0]], axis=1)), atol=1e-12
+    )
+    upright = tree.poses(q)[:, 2, :3, 0]
+    np.testing.assert_allclose(upright, np.tile([0, 0, 1.0], (5, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        ({"1": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got '1'\."),
+        ({"fixed": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got 'fixed'\."),
+        ({"2": 1.0}, {"1": 1.0}, r"The frames 1, 2 follow each other; one of them needs a joint of its own\."),
+    ],
+)
+def test_a_joint_follows_others_that_move(first, second, message):
+    rows = [
+        Frame("1", None, "revolute", follows=first),
+        Frame("fixed", "1", "fixed"),
+        Frame("2", "fixed", "prismatic", follows=second),
+    ]
+    with pytest.raises(ModelError, match=message):
+        tree_from_mdh(rows)

@@ -1,4 +1,8 @@
+"""Base parameters against ranks and regressors, and their elimination against the plain way."""
+
 from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +15,20 @@ from mechanisms import (
     regrouping_error,
     tilted_axis,
 )
-from regroupings import check_regroupings
+from regroupings import check_regroupings, tree_of_any_kind
+from scipy import linalg
 
 from experiments.data import paper
+from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
+from ident.parameters import base_parameters, independent_columns
 from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.independent_columns import DEPENDENT
+from ident.parameters.structure import Sensors
+from sim.models.couplings import couplings
+from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
 TABLE_NAMES = list(paper.TABLE_3)
 
@@ -127,3 +138,101 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     assert find_base_parameters(Y, "pqr").names == ("p", "r")
     with pytest.raises(ValueError, match="so nearly dependent"):
         find_base_parameters(Y, "pqr", kept="pq")
+
+
+SENSORS = (
+    Sensors(),
+    Sensors(False, True),
+    Sensors(True, True),
+    Sensors(moving_base=True),
+    Sensors(False, True, True),
+    Sensors(channels=np.eye(6)[[0, 1, 5]]),
+    Sensors(channels=np.eye(6)[[2]], moving_base=True),
+)
+
+
+def both_ways(monkeypatch, tree, gravity, sensors):
+    """Regroupings along the tree and by the whole matrix; None if no parameter has an effect."""
+    out = []
+    for large in (1, np.inf):
+        monkeypatch.setattr(base_parameters, "LARGE", large)
+        try:
+            out.append(find_base_parameters(tree, gravity=gravity, sensors=sensors))
+        except InputError as error:
+            assert "see no parameter" in str(error)
+            out.append(None)
+    return out
+
+
+def check_equal(along, whole):
+    if whole is None:
+        assert along is None
+        return
+    assert (along.kept, along.dependent, along.passed_over) == (whole.kept, whole.dependent, whole.passed_over)
+    np.testing.assert_allclose(along.beta, whole.beta, rtol=0, atol=1e-9 * max(1, abs(whole.beta).max(initial=0)))
+    assert not (along.beta[whole.beta == 0]).any()
+    assert along.gap[0] == pytest.approx(whole.gap[0], rel=1e-8)
+    assert along.gap[1] < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
+    _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
+    check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
+
+
+def plainly_exchanged(order, made, largest):
+    """Kept columns and those passed over, by exchanges in the coefficients of all columns (r, P)."""
+    kept, passed = order.copy(), []
+    for j in range(made.shape[1]):
+        share = np.where(kept > j, abs(made[:, j]), 0)
+        i = int(share.argmax())
+        if j in kept or share[i] <= DEPENDENT:
+            continue
+        row = made[i] / made[i, j]
+        after = made - np.outer(made[:, j], row)
+        after[i] = row
+        if abs(after).max() <= largest:
+            made, kept[i] = after, j
+        else:
+            passed.append(j)
+    return sorted(kept.tolist()), passed
+
+
+@pytest.mark.parametrize("largest", [1.5, 10, 1e3])
+def test_exchanges_within_a_bound_equal_the_plain_way(largest, monkeypatch):
+    monkeypatch.setattr(independent_columns, "COEFFICIENTS", (largest, largest))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        columns = rng.normal(size=(30, 12)) @ (rng.normal(size=(12, 30)) * rng.uniform(0, 1, size=(12, 30)) ** 3)
+        unit = columns / np.linalg.norm(columns, axis=0)
+        triangle, order = linalg.qr(unit, mode="r", pivoting=True)
+        made = np.empty((12, 30))
+        made[:, order] = linalg.solve_triangular(triangle[:12, :12], triangle[:12])
+        assert independent_columns.first_independent(unit, 12, 0.0) == plainly_exchanged(order[:12], made, largest)
+
+
+DM_CONTROL = find_spec("dm_control")
+needs_animals = pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not installed; make test-extras does")
+
+
+@needs_animals
+@pytest.mark.extras
+def test_kept_columns_span_the_regressor_of_40_random_trees():
+    check_regroupings(40)
+
+
+@needs_animals
+@pytest.mark.extras
+@pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
+def test_kept_columns_span_the_regressor(animal):
+    model = compiled(Path(DM_CONTROL.submodule_search_locations[0], "locomotion/walkers/assets", animal))
+    tree = tree_from_model(model, ignore=[coupling.name for coupling in couplings(model)])
+    gravity = gravity_in_base(model)
+    base = find_base_parameters(tree, gravity=gravity)
+    Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 300), gravity=gravity)
+    assert regrouping_error(base, Y) <= 1e-10
+    kept = base.reduce(Y).reshape(-1, base.rank)
+    assert np.linalg.cond(kept / np.linalg.norm(kept, axis=0)) <= 1e7
+    assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1]
+    assert base.passed_over

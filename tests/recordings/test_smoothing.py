@@ -1,7 +1,14 @@
+"""Signals: low-pass filters, runs and medians, sensors' ranges and resolution."""
+
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import ndimage, signal
 
+from ident.recordings import faults as module
+from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
+from ident.recordings.recording import Recording
+from ident.recordings.resolution import quantum
+from ident.recordings.sampled import Sampled
 from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, settling, smoothed
 
 RATE = 100.0
@@ -96,3 +103,118 @@ def test_no_cutoff_is_invented(x, message):
 def test_bad_input_is_one_sentence(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.parametrize("pattern", ["0", "1", "000", "111", "1010", "0110", "1101", "0011101"])
+def test_runs_are_those_of_scipy(pattern):
+    mask = np.array([c == "1" for c in pattern], bool)
+    labels, number = ndimage.label(mask)
+    expected = [[span.start, span.stop] for (span,) in ndimage.find_objects(labels, number)]
+    assert runs(mask).tolist() == expected
+
+
+@pytest.mark.parametrize("size", [1, 4, 57])
+@pytest.mark.parametrize("width", [1, 2, 5, 10, 11])
+def test_running_medians_are_those_of_scipy(size, width, monkeypatch):
+    # Several blocks of windows, the last of which is shorter.
+    monkeypatch.setattr(module, "AT_ONCE", 7 * width)
+    x = np.random.default_rng(size + width).normal(size=size)
+    expected = ndimage.median_filter(x, width, mode="nearest")
+    np.testing.assert_array_equal(running_median(x, width), expected)
+    some = np.flatnonzero(x > 0)
+    np.testing.assert_array_equal(running_median(x, width, some), expected[some])
+
+
+def recorded(*gaps, rate=100.0, plate=100.0):
+    """Angles without samples in some spans, and a plate's wrench with one component missing."""
+    clocks = {"hip_position": np.arange(0, 10, 1 / rate), "ground_force": np.arange(0, 10, 1 / plate)}
+    streams = {"hip_position": (t := clocks["hip_position"], np.sin(t))}
+    streams["ground_force"] = (t := clocks["ground_force"], np.stack([t, np.full_like(t, np.nan), t], axis=1))
+    for first, last in gaps:
+        time, x = streams["hip_position"]
+        kept = (time <= first) | (time >= last)
+        streams["hip_position"] = time[kept], x[kept]
+    return Recording.from_streams(streams, rate=100.0)
+
+
+def test_a_slow_stream_has_no_gaps_between_its_samples():
+    recording = recorded(plate=8.0)
+    assert covered(recording, ("ground_force",)).all()
+    assert longest_step(recording.streams["ground_force"]) == 0.25
+    assert longest_step(Sampled(np.zeros(1), np.zeros(1))) == INTERPOLATED
+
+
+def test_stretches_end_at_gaps_and_where_times_jump():
+    time = np.r_[np.arange(10), np.arange(20, 30)] / 100
+    assert stretches(time, np.ones(20, bool)) == [slice(0, 10), slice(10, 20)]
+    inside = np.ones(20, bool)
+    inside[[0, 4, 5]] = False
+    assert stretches(time, inside) == [slice(1, 4), slice(6, 10), slice(10, 20)]
+    assert stretches(time, np.zeros(20, bool)) == []
+
+
+TIME = np.arange(1000) / 100
+SIGNAL = np.sin(2 * TIME) + 0.3 * np.sin(5.1 * TIME)
+NOISY = SIGNAL + 0.02 * np.random.default_rng(0).normal(size=len(TIME))
+Q = np.stack([np.sin(2 * TIME), np.cos(TIME)], axis=1)
+
+
+def rounded(x, step):
+    return step * np.round(x / step)
+
+
+@pytest.mark.parametrize("step", [0, 1e-3, 0.01])
+@pytest.mark.parametrize("low, high", [(None, 0.9), (-0.9, None), (-0.8, 0.9)])
+def test_flat_ends_are_found(low, high, step):
+    x = np.clip(rounded(NOISY, step) if step else NOISY, low, high)
+    ends = limits(x)
+    assert [each.value for each in ends] == [value for value in (low, high) if value is not None]
+    for each in ends:
+        np.testing.assert_array_equal(each.samples, x == each.value)
+        assert moves(each.samples, Q)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        SIGNAL,
+        NOISY,
+        *(rounded(y, step) for y in (np.sin(2 * TIME), SIGNAL, NOISY) for step in (0.01, 0.05, 0.1, 0.3, 1)),
+        np.maximum(SIGNAL, 0),
+        np.full(1000, 3.0),
+        np.where(np.arange(1000) % 100 == 50, 210.0, 207.0),
+        np.full(1000, np.nan),
+    ],
+)
+def test_peaks_empty_plates_and_coarse_steps_are_not_clipped(x):
+    assert limits(x) == []
+
+
+ENCODER = 2 * np.pi / 4096
+
+
+def noisy(std, seed=0):
+    return SIGNAL + std * np.random.default_rng(seed).normal(size=len(TIME))
+
+
+@pytest.mark.parametrize("step", [0.5, 0.1, 0.01, 1e-3, 1e-4])
+@pytest.mark.parametrize("std", [0, 0.01])
+def test_steps_are_found_at_any_size(step, std):
+    assert quantum(rounded(noisy(std), step)) == pytest.approx(step, rel=1e-3)
+
+
+def test_steps_survive_other_units_decimals_and_missing_samples():
+    degrees = np.round(np.degrees(rounded(SIGNAL, ENCODER)), 2)
+    assert quantum(np.radians(degrees)) == pytest.approx(ENCODER, rel=0.01)
+    assert quantum(rounded(SIGNAL, 0.01).astype(np.float32).astype(float)) == pytest.approx(0.01, rel=1e-3)
+    holes = np.where(np.arange(len(TIME)) % 7, rounded(SIGNAL, 0.1), np.nan)
+    assert quantum(holes) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [SIGNAL, noisy(0.01), noisy(0.01).astype(np.float32).astype(float), np.full(1000, 3.0), np.zeros(0)],
+    ids=["smooth", "noisy", "single precision", "constant", "nothing"],
+)
+def test_a_signal_on_no_lattice_has_no_steps(x):
+    assert quantum(x) < 1e-6

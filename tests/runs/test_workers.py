@@ -1,3 +1,6 @@
+"""Workers, their environment, and the outcomes that they leave."""
+
+import json
 import os
 import signal
 import subprocess
@@ -7,7 +10,9 @@ from itertools import count
 import pytest
 from tasks import blocked_signals, die, refuse, size, unpicklable
 
-from experiments.runs.workers import Workers, worker_pool
+from experiments.cli import options, running
+from experiments.runs.environment import THREADS, environment, one_thread_each
+from experiments.runs.workers import Checkpoint, Workers, worker_pool
 from ident.estimation.sources import in_order
 
 LARGE = bytes(2_000_000)
@@ -64,3 +69,84 @@ def test_workers_end_with_a_command_that_is_killed():
     # They inherit the standard error, which ends with the last of them.
     killed = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, timeout=60, check=False)
     assert (killed.returncode, killed.stderr) == (-signal.SIGKILL, b"")
+
+
+OUTCOMES = [json.dumps([k, k**2]) for k in range(6)]
+
+
+def batches(outcomes, size=2):
+    return [outcomes[k : k + size] for k in range(0, len(outcomes), size)]
+
+
+def failing(outcomes, error):
+    yield from batches(outcomes)
+    raise error
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Checkpoint("runs", tmp_path / "runs.npz", {"seed": 1, "scale": (0.5, 1)})
+
+
+def test_outcomes_are_kept_as_they_came(run):
+    assert run.collect(batches(OUTCOMES), 6) == OUTCOMES
+    assert run.done() == OUTCOMES
+
+
+@pytest.mark.parametrize("error", [ValueError("refused"), KeyboardInterrupt(), MemoryError()])
+def test_whatever_fails_the_outcomes_are_kept(run, capsys, error):
+    with pytest.raises(type(error)):
+        run.collect(failing(OUTCOMES[:4], error), 6)
+    assert run.done() == OUTCOMES[:4]
+    assert f"The runs done so far are in {run.file}; run again with --resume" in capsys.readouterr().err
+    assert run.collect(batches(OUTCOMES[4:]), 6, done=run.done()) == OUTCOMES
+    assert run.done() == OUTCOMES
+
+
+NAMES = (*THREADS, "MUJOCO_GL")
+
+
+@pytest.fixture
+def variables_of(monkeypatch):
+    """Variables of a command's libraries, with a user's variables and options."""
+
+    def variables(arguments=(), **own):
+        for name in NAMES:
+            monkeypatch.delenv(name, raising=False)
+        for name, value in own.items():
+            monkeypatch.setenv(name, value)
+        during = {}
+        parser = options.plain_parser("any", None)
+        assert running.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
+        assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
+        return {name: during[name] for name in NAMES if name in during}
+
+    return variables
+
+
+def test_commands_take_one_thread_and_look_for_no_screen(variables_of):
+    assert variables_of() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "one"),
+    [({}, False), ({"OMP_NUM_THREADS": "1"}, True), ({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "4"}, False)],
+)
+def test_linear_algebra_may_have_threads_of_its_own(monkeypatch, stated, one):
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    with environment(stated):
+        assert one_thread_each() == one
+
+
+def test_what_the_user_says_goes_before(variables_of):
+    assert variables_of(OMP_NUM_THREADS="8") == {"OMP_NUM_THREADS": "8", "MUJOCO_GL": "disable"}
+    assert variables_of(MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
+
+
+def test_variables_are_as_before_whatever_happens(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    with pytest.raises(KeyError), environment({"OMP_NUM_THREADS": "1", "MUJOCO_GL": "egl"}):
+        raise KeyError
+    assert os.environ["OMP_NUM_THREADS"] == "8" and "MUJOCO_GL" not in os.environ

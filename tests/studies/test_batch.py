@@ -11,7 +11,7 @@ from pathlib import Path
 import driven_arm
 import numpy as np
 import pytest
-from fuzz.here import Here
+from stand_ins import Here
 
 from experiments import batch, identify
 from experiments.data.batch_outcomes import LogOutcome, agreement, spreads

@@ -21,7 +21,6 @@ from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.judgement.finding import Finding
-from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import STATES, Recording
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -142,13 +141,6 @@ def assert_predicts_as_well(result, phi):
     assert after < 1.01 * before
 
 
-def test_the_aligned_scene_is_usable(aligned):
-    doubts, result = aligned
-    assert not doubts
-    truth = result.prepared.equations.parameters.regroup(result.prepared.mechanism.known)
-    assert abs(result.psi - truth).max() < 0.15
-
-
 def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     doubts, result = doubts_and_result(tmp_path, recording(tilt_deg=5.0))
     assert not doubts
@@ -173,15 +165,6 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned)
     rank = clean.prepared.equations.parameters.rank
     assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
     assert any("outliers" in note for note in result.prepared.notes)
-
-
-def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
-    _, result = doubts_and_result(tmp_path, recording(), offsets=False, estimator="ordinary", holdout=0.05)
-    samples, mechanism = result.prepared.samples[result.part], result.prepared.mechanism
-    Y = base_wrench_regressor(mechanism.tree, *samples.motion.states, gravity=mechanism.gravity)
-    rows = result.base.reduce(Y).reshape(-1, result.base.rank)
-    expected = np.linalg.lstsq(rows, samples.measured.ravel(), rcond=None)[0]
-    np.testing.assert_allclose(result.fit.values, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -352,23 +335,6 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("error:Glyph")
-def test_long_and_foreign_names_keep_the_terminal_short(tmp_path, capsys):
-    """Joints of 80 letters, of markup, and of letters that no font has."""
-    for end in ("xml", "csv"):
-        text = (PENDULUM.parent / f"arm.{end}").read_text(encoding="utf-8").replace("wrist", "w" * 80)
-        text = text.replace("elbow", "&lt;b&gt;&amp;$x_1" if end == "xml" else "<b>&$x_1").replace("turn", "肩 ü")
-        (tmp_path / f"arm.{end}").write_text(text, encoding="utf-8")
-    arguments = [str(tmp_path / "arm.xml"), str(tmp_path / "arm.csv"), "--base", "base", "--out", str(tmp_path)]
-    assert identify.main([*arguments, "--estimator", "weighted", "--name", "x"]) == 0
-    printed = capsys.readouterr()
-    lines = printed.out.splitlines()
-    assert len(lines) <= 24 and f"{'w' * 29}… " in printed.out and "Glyph" not in printed.err
-    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert "<b>&$" not in page and "&lt;b&gt;&amp;$x_1" in page
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
-from fuzz.undrawn import leave_undrawn
+from stand_ins import leave_undrawn
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_lerobot, write_mat, write_mot, write_parquet
 
 import ident
@@ -115,18 +115,3 @@ def test_an_episode_of_a_dataset_gives_the_same_estimate(tmp_path, capsys, recor
     assert np.abs((np.array(result["values"]) - from_csv["values"]) / from_csv["std"]).max() < 0.02
     (log,) = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
     assert [each["file"] for each in log["files"]] == ["info.json", "file-000.parquet"]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_samples_may_be_missing_where_that_is_said(tmp_path, capsys, recording, from_csv):
-    there = columns(recording)
-    there["joint2_position"] = np.where((recording.time > 1) & (recording.time < 1.1), np.nan, there["joint2_position"])
-    write_csv(tmp_path / "log.csv", there)
-    sentence = refusal(identify.main, [*arguments(tmp_path / "log.csv"), "--out", str(tmp_path)], capsys)
-    assert "column 'joint2_position' is empty or NaN" in sentence
-    result = estimate(tmp_path, tmp_path / "log.csv", "--gaps")
-    assert np.abs((np.array(result["values"]) - from_csv["values"]) / from_csv["std"]).max() < 1
-    options = ["--gaps", "--estimator", "ordinary", "--out", str(tmp_path)]
-    assert "for the trajectory estimate only" in refusal(
-        identify.main, [*arguments(tmp_path / "log.csv"), *options], capsys
-    )

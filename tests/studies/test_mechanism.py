@@ -5,11 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
-from fuzz.here import Here
-from fuzz.undrawn import leave_undrawn
 from mechanisms import double_pendulum
 from persons import at_a_rail
-from truth import use_truth
+from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
 from experiments.data import paper

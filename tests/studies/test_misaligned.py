@@ -33,7 +33,6 @@ COLUMNS = [
     "trajectory_error_full",
     "trajectory_std_full",
 ]
-SEARCHED = ["trajectory_error_searched", "trajectory_std_searched"]
 
 
 @pytest.fixture(scope="module")
@@ -75,16 +74,6 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
             study.trajectory("full_on_table").std[k],
         )
         assert tuple(float(row[column]) for column in COLUMNS[2:]) == expected
-
-
-def test_axes_that_are_searched_for_have_a_table_beside_recovered_ones(results, study):
-    rows = list(csv.DictReader((results / "table_3_searched.csv").read_text().splitlines()))
-    columns = ["true_full", *(f"trajectory_{kind}_full" for kind in ("error", "std")), *SEARCHED]
-    assert list(rows[0]) == [*COLUMNS[:2], *columns]
-    full, searched = study.trajectory("full_on_table"), study.trajectory("searched")
-    for k, row in enumerate(rows):
-        expected = study.fit("full_on_table").psi_true[k], *(x[k] for x in (full.error, full.std)), searched.error[k]
-        assert tuple(float(row[column]) for column in columns) == (*expected, searched.std[k])
 
 
 def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):

@@ -30,25 +30,6 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     assert (a.true["joint1_position"] != b.true["joint1_position"]).any() == (redrawn == "all")
 
 
-def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
-    source = draw(tmp_path, "--redraw", "sensors")
-    whole = run(source, 9, tmp_path, file="whole.npz")
-    in_order = workers.in_order
-
-    def interrupted(*args, **more):
-        for k, outcomes in enumerate(in_order(*args, **more)):
-            if k == 5:
-                raise KeyboardInterrupt
-            yield outcomes
-
-    with monkeypatch.context() as patched:
-        patched.setattr(workers, "in_order", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            run(source, 9, tmp_path)
-    assert len(kept(tmp_path)) == 5
-    np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
 @pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "running")])

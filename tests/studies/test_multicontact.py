@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from truth import use_truth
+from stand_ins import use_truth
 
 import scenes
 from experiments import multicontact

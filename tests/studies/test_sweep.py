@@ -82,16 +82,6 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     assert (out / "figure_sweep.png").exists()
 
 
-@pytest.mark.usefixtures("undrawn", "here", "no_trajectory")
-def test_several_contacts_are_a_value_like_one(tmp_path):
-    out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
-    expected = summary(study("multicontact", contact="pad handle"))
-    for number in ("condition_number", "largest_error", "largest_error_ignoring", "contact_peak_force_N"):
-        one, several = rows(out, number)
-        assert (one["contact"], several["contact"]) == ("pad", "pad handle")
-        assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
-
-
 @pytest.mark.usefixtures("undrawn", "here")
 @pytest.mark.slow
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):

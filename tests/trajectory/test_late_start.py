@@ -1,24 +1,36 @@
-"""Plates with delays of a tenth of a second and more, as in laboratories for lifting."""
+"""Clocks of plates and wrenches beside those of angles: delays, rates and jumps."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import lifting
 import numpy as np
 import pytest
+import swinging
+import walker
 from recorded_faults import PENDULUM, faulty
 
 import ident
+import scenes
+import sim
+from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.estimators import Case
 from ident.estimation.measurement import Measurement
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.estimation.setup_parameters import SetupParameter
-from ident.model.regressor import base_wrench_regressor
+from ident.judgement.finding import setup_findings
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import transform_wrench
+from ident.setup import PRIORS
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.late_start import likely_delay
+from ident.trajectory.trajectory_estimate import trajectory_estimate
+from sim.motion.excitation import DOUBLE_PENDULUM
 
 pytestmark = pytest.mark.slow
-
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
 
 
@@ -98,3 +110,136 @@ def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
 @pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
 def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
     assert likely_delay_of_pendulum(std, late=0.1) == pytest.approx(0.1)
+
+
+CASE = Case.drawn(CONDITIONS["trapezoids_100"], 0, 2)
+
+
+def setup_of(recording):
+    options = {"holdout": 0.0, **CASE.condition.options}
+    return ident.identify(CASE.subject.mechanism, recording, **options).setup
+
+
+def test_jumps_are_no_clock():
+    """A clock error of 0.023 ± 0.002 %, a tenth of a sample, would predict unseen pieces better."""
+    assert not setup_of(CASE.recording)
+
+
+def test_a_fast_clock_is_found():
+    # A rate error of this size needs no more than six seconds.
+    short = replace(CONDITIONS["trapezoids_100"], samples=600)
+    recording, fast = Case.drawn(short, 0, 2).recording, 0.003
+    t, measured = recording.time, dict(recording.measured)
+    for name in ("ground_force", "ground_torque"):
+        measured[name] = np.stack([np.interp(t * (1 - fast), t, x) for x in measured[name].T], axis=1)
+    (clock,) = setup_of(replace(recording, measured=measured))
+    assert clock.name == "clock(ground)"
+    assert abs(clock.value) == pytest.approx(fast, rel=0.1)
+
+
+NOISE = np.repeat([0.5, 0.05], [3, 5])
+"""Noise of the wrench, N and N m, and of the torques."""
+
+
+def recorded(seed, late=0.0, fast=0.0):
+    """The paper's pendulum; the wrench is delayed, and its clock is fast."""
+    rng, arm, time = np.random.default_rng(seed), swinging.pendulum(), np.arange(0.3, 9.0, 0.01)
+    motion, before = swinging.motion(time), swinging.motion(time - late - fast * (time - time[0]))
+    wrench = ident.base_wrench_regressor(arm.tree, *before.states, gravity=arm.gravity) @ arm.known
+    torques = joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.known
+    measured = np.hstack([wrench, torques])
+    measured += NOISE * rng.normal(size=measured.shape)
+    angles = motion.q + 3e-4 * rng.normal(size=motion.q.shape)
+    channels = {"ground_force": measured[:, :3], "ground_torque": measured[:, 3:6]}
+    for k, joint in enumerate(swinging.JOINTS):
+        channels |= {f"{joint}_position": angles[:, k], f"{joint}_torque": measured[:, 6 + k]}
+    return Recording(time, channels)
+
+
+@cache
+def on_time():
+    """Estimate of a wrench on the torques' clock."""
+    return ident.identify(swinging.pendulum(), recorded(0), holdout=0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "value"),
+    [
+        ({"late": -0.008}, "delay(ground)", -0.008),
+        ({"late": 0.12}, "delay(ground)", 0.12),
+        ({"fast": 0.004}, "clock(ground)", -0.004),
+    ],
+)
+def test_the_wrench_alone_is_late(fault, name, value):
+    estimate = ident.identify(swinging.pendulum(), recorded(0, **fault), held_out=recorded(1, **fault))
+    (finding,) = estimate.setup
+    assert finding.name == name and abs(finding.value - value) < 1e-4 + 2 * finding.std < 5e-4
+    np.testing.assert_allclose(estimate.trajectory.fit.channel_noise, NOISE, rtol=0.1)
+    assert (np.abs(estimate.psi - on_time().psi) < 2 * estimate.std).all()
+    # The delay does not affect predictions of other recordings' torques and wrenches.
+    truth = estimate.base.regroup(swinging.pendulum().known)
+    rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
+    assert (np.delete(rms / NOISE, 3) < 1.15).all()
+
+
+EXACT = dict.fromkeys(PRIORS, 0.0)
+
+
+def on_plates(late=0, gains=(1,) * 6):
+    """A person on a plate and a rail, both delayed by so many samples, with gains on the plate's channels."""
+    rng = np.random.default_rng(0)
+    person, (time, q, *_) = walker.mechanism(walker.SMALL), walker.motion()
+    total, share = walker.truth(walker.SMALL)[0], 0.2 + 0.1 * np.sin(3 * walker.motion()[0])
+    measured = {
+        f"{joint}_position": q[late:, k] + 0.002 * rng.normal(size=len(q) - late)
+        for k, joint in enumerate(person.tree.joints)
+    }
+    for name, taken, gain in (("plate", 1 - share, gains), ("rail", share, 1)):
+        values = gain * (taken[:, None] * total) + rng.normal(size=total.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
+        values = values[: len(values) - late]
+        measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
+    sensors = {name: ident.Sensor(body, frame="world") for name, body in (("plate", "pelvis"), ("rail", "arm"))}
+    return prepared(person, ident.Recording(time[late:], measured, sensors=sensors), cutoff=8.0)
+
+
+def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
+    """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, add up to the total wrench."""
+    ready = on_plates(late=3)
+    result = trajectory_estimate(
+        [Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12
+    )
+    (finding,) = setup_findings(result)
+    assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
+    assert finding.std < 0.002
+    rank = ready.equations.parameters.rank
+    error = result.fit.theta[:rank] - ready.equations.parameters.regroup(walker.mechanism(walker.SMALL).known)
+    z = error / np.sqrt(np.diag(result.fit.covariance)[:rank])
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
+
+
+def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
+    """One noisy recording of the pendulum, with the hand's wrench in each of the two frames."""
+    spec = scenes.load("double_pendulum", contact="handle")
+    pendulum, recording = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM)
+    cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)
+    states = {name: x for name, x in recording.measured.items() if name.endswith(("_position", "_force", "_torque"))}
+    states = {name: x for name, x in states.items() if not name.startswith(("link", "end"))}
+    fixed = replace(recording, measured=states, true={}, sensors={"contact": cell})
+    q = recording.noise_free.of_joints(pendulum.tree.joints, "position")
+    link = pendulum.tree.poses(q)[:, pendulum.tree.names.index(cell.body)]
+    values = transform_wrench(link @ cell.pose, fixed.wrench("contact").values)
+    resting = replace(
+        fixed,
+        measured={**fixed.measured, "contact_force": values[:, :3], "contact_torque": values[:, 3:]},
+        sensors={"contact": replace(cell, pose=np.eye(4), frame="world")},
+    )
+    fits = []
+    for each in (fixed, resting):
+        ready = prepared(pendulum, each, cutoff=8.0)
+        fits.append(trajectory_estimate([Part(ready, slice(0, 500))], ready.equations, setup=EXACT, knots=0.1).fit)
+    std = np.sqrt(np.diag(fits[0].covariance))
+    assert np.abs((fits[1].theta - fits[0].theta) / std).max() < 0.5
+    truth = ready.equations.parameters.regroup(pendulum.known)
+    for fit in fits:
+        z = (fit.theta - truth) / np.sqrt(np.diag(fit.covariance))
+        assert np.sqrt(np.mean(z**2)) < 1.6

@@ -1,17 +1,27 @@
-"""The registry: what it holds, and that nothing in it could only be known from the outcome."""
+"""The registry of recordings, results of earlier versions, and other software on the same logs."""
 
 import re
+from dataclasses import replace
 from typing import get_type_hints
 
+import numpy as np
 import pytest
+from registered import TEXT, files_of, recorded, written
 
+from experiments.runs.workers import Workers
+from experiments.studies.validation import files, peers, validation_study
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.files import chosen, columns_file, read_entry, registry
 from ident.annotations import fits
 from ident.errors import InputError
 from ident.files.limits import toml
+from ident.identification import identify
+from ident.model.regressor import joint_torque_regressor
+from ident.recordings.recording import Recording
+from sim.models.model_mechanism import mechanism
 
 ALLOWED = dict.fromkeys(("gaps", "offsets", "prior"), bool) | dict.fromkeys(("base", "columns"), str)
+
 ALLOWED |= {"fix": dict, "ignore": list, "leave_out": list, "noise": dict}
 """Options that the recording's documentation decides. A choice that only the outcome could suggest is none: a cut-off,
 weights, thresholds, knots, priors' sizes, samples to leave out, the estimator or its columns."""
@@ -103,3 +113,94 @@ def test_a_malformed_entry_is_one_sentence(old, new, sentence, tmp_path):
     path.write_text(GIVEN.replace(old, new.replace(r"\\u", r"\u"), 1), encoding="utf-8")
     with pytest.raises(InputError, match=sentence):
         read_entry(path)
+
+
+def refusal(task):
+    """Answer to any task."""
+    return {"refused": "Not today."}
+
+
+@pytest.mark.parametrize("changed", ["code", "entry"])
+def test_results_of_other_sources_or_entries_are_not_resumed(changed, tmp_path, monkeypatch, here):
+    recorded(tmp_path / "arm")
+    listed = files_of(tmp_path / "arm", "arm.xml", "one.csv", "two.csv")
+    entry = files.read_entry(written(tmp_path, TEXT.format(files=listed, more="")))
+    places = files.Places((tmp_path,))
+    monkeypatch.setattr(validation_study, "work", refusal)
+    monkeypatch.setattr(validation_study, "collected", lambda entries, tasks, answers, refused: answers)
+    assert validation_study.study([entry], places, tmp_path, Workers(1)) == [refusal(None)] * 3
+    assert validation_study.study([entry], places, tmp_path, Workers(1, resume=True)) == [refusal(None)] * 3
+    if changed == "code":
+        monkeypatch.setattr(validation_study, "SOURCES", ("sim",))
+    else:
+        entry = replace(entry, options={**entry.options, "holdout": 0.3})
+    named = {"code": "code", "entry": "tasks"}[changed]
+    with pytest.raises(InputError, match=f"of another run: {named} differ; leave out --resume"):
+        validation_study.study([entry], places, tmp_path, Workers(1, resume=True))
+
+
+LINK = """<link name="{name}"><inertial><origin xyz="0.02 0 -0.2"/><mass value="{mass}"/>
+<inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0.001" iyz="0"/></inertial>
+<visual><geometry><mesh filename="nowhere.stl"/></geometry></visual></link>"""
+JOINT = """<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="0 0 {z}"/><axis xyz="0 1 0"/></joint>"""
+URDF = "\n".join(
+    [
+        '<?xml version="1.0"?><robot name="two"><link name="world"/>',
+        LINK.format(name="upper", mass=2.0),
+        LINK.format(name="lower", mass=1.0),
+        JOINT.format(name="shoulder", parent="world", child="upper", z=0),
+        JOINT.format(name="elbow", parent="upper", child="lower", z=-0.4),
+        "</robot>",
+    ]
+)
+COULOMB, VISCOUS = (0.3, 0.2), (0.1, 0.05)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Path of the model, and the estimate from its exact torques with a little noise."""
+    path = tmp_path_factory.mktemp("arm") / "two.urdf"
+    path.write_text(URDF, encoding="utf-8")
+    with pytest.warns(Warning, match="nowhere"):
+        two = mechanism(path)
+    rng, time = np.random.default_rng(0), np.arange(0, 12, 0.01)
+    phase, rates = rng.uniform(0, 6, (4, 2)), np.array([1.1, 2.3, 3.1, 4.7])[:, None]
+    q, dq, ddq = (
+        sum(0.35 * w**k * np.sin(w * time[:, None] + p + k * np.pi / 2) for w, p in zip(rates, phase, strict=True))
+        for k in range(3)
+    )
+    links = joint_torque_regressor(two.tree, q, dq, ddq, gravity=two.gravity) @ two.known
+    torque = links + np.sign(dq) * COULOMB + dq * VISCOUS
+    noisy = {
+        "position": q + 1e-5 * rng.standard_normal(q.shape),
+        "torque": torque + 0.01 * rng.standard_normal(q.shape),
+    }
+    columns = {f"{joint}_{kind}": x[:, k] for kind, x in noisy.items() for k, joint in enumerate(two.joints)}
+    return path, identify(two, Recording(time, columns))
+
+
+@pytest.mark.slow
+def test_plain_least_squares_are_compared_and_what_is_missing_names_the_extra(arm, monkeypatch):
+    def missing(name):
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    monkeypatch.setattr(peers, "import_module", missing)
+    path, estimate = arm
+    answers = peers.compared(path, estimate, [])
+    assert list(answers) == ["plain least squares", "FIGAROH", "mujoco.sysid"]
+    plain = answers["plain least squares"]
+    assert max(plain["ratios"]) < 0.2 and len(plain["ratios"]) == 2 and plain["seconds"] > 0
+    for name in ("FIGAROH", "mujoco.sysid"):
+        assert "which the extra 'peers' brings: pip install" in answers[name]
+    assert list(peers.compared(path.with_suffix(".xml"), estimate, [])) == ["plain least squares"]
+
+
+@pytest.mark.extras
+@pytest.mark.parametrize(("name", "package"), [("FIGAROH", "figaroh"), ("mujoco.sysid", "absl")])
+def test_other_software_s_parameters_predict_an_arm_without_much_noise(arm, name, package, monkeypatch):
+    pytest.importorskip(package, reason="it is in the extra 'peers'")
+    monkeypatch.setattr(peers, "PEERS", {name: peers.PEERS[name]})
+    path, estimate = arm
+    answer = peers.compared(path, estimate, [])[name]
+    assert max(answer["ratios"]) < 0.2

@@ -11,8 +11,8 @@ import driven_arm
 import numpy as np
 import pytest
 from commands import refusal
-from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
+from stand_ins import Here
 
 from experiments import validate
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Entry, Source, StatedValue, inside

@@ -5,8 +5,7 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from ident.geometry.se3 import inverse, pose
-from ident.recordings.columns.plates import pose_of_corners
+from ident.geometry.se3 import pose
 from ident.recordings.recording import Recording
 
 
@@ -213,15 +212,6 @@ def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
     log, mapping = written(tmp_path, [(columns, of_stepping('on = "foot_r"'))])
     with pytest.raises(ident.LogError, match=r"sample 20[12], wrenches.right.point is missing, as in 3 of 600 samples"):
         ident.read_log(log, walker.mechanism(), mapping)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_corners_are_those_of_the_plate(seed):
-    rng = np.random.default_rng(seed)
-    T = pose(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
-    estimated = pose_of_corners("corners", np.array(corners(T, rng.uniform(0.1, 1, 2))))
-    np.testing.assert_allclose(estimated, T, atol=1e-12)
-    np.testing.assert_allclose(inverse(estimated) @ T, np.eye(4), atol=1e-12)
 
 
 HEAD = '[wrenches.p]\nforce = ["a", "b", "c"]\n'

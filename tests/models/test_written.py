@@ -1,20 +1,29 @@
-"""Drives that are written into models, and what the written models predict."""
+"""Written models: drives, bodies with their intervals, and constraints change, and nothing else."""
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import driven_arm
 import mujoco
 import numpy as np
+import opensim_files
+import pytest
+from looped import MODELS
+from mechanisms import random_phi
+from test_model_update import MJCF
+from test_urdf import ARM
 
 import sim
 from ident.mechanism.drives import Drive
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.consistency import consistent_parameters
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 
 CLASSES = driven_arm.text(**{key: (2.0, 2.0, 2.0) for key in ("damping", "frictionloss", "armature")}).replace(
     "<worldbody>", '<default><joint damping="9" armature="1" stiffness="5"/></default><worldbody>'
 )
-
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/>
@@ -31,7 +40,6 @@ URDF = """<?xml version="1.0"?>
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 </robot>
 """
-
 NEW = {"turn": Drive(1.25, 0.75, 0.5), "bend": Drive(0.125, 0.0625, 0.03125, 3.0)}
 
 
@@ -95,3 +103,90 @@ def test_of_urdf_only_the_numbers_of_dynamics_change(tmp_path):
     assert (tmp_path / "new.urdf").read_text(encoding="utf-8") == expected
     write_model(tmp_path / "same.urdf", arm, arm.known, arm.drives)
     assert (tmp_path / "same.urdf").read_text(encoding="utf-8") == URDF
+
+
+COMMENT = re.compile(r"<!-- 95 % intervals.*?-->", re.DOTALL)
+NUMBER = re.compile(r"\d\.?\d*(?:e-?\d+)?")
+
+
+def full_of(arm, seed=0):
+    """Bodies of a mechanism with intervals."""
+    phi = random_phi(np.random.default_rng(seed), len(arm.bodies))
+    base = find_base_parameters(arm)
+    psi = base.regroup(phi)
+    return consistent_parameters(psi, np.diag((0.01 * abs(psi) + 1e-3) ** 2), base, phi, bodies=arm.bodies)
+
+
+def assert_short(text):
+    """Comments apart, every number of an inertial has seven digits at most."""
+    inertials = re.findall(r"<inertial>.*?</inertial>|<inertial .*?>", COMMENT.sub("", text), re.DOTALL)
+    assert inertials
+    for word in NUMBER.findall(" ".join(re.sub(r"<origin rpy[^x]*", "", each) for each in inertials)):
+        assert len(word.partition("e")[0].replace(".", "").lstrip("0")) <= 7, word
+
+
+@pytest.mark.parametrize(("text", "name"), [(MJCF.format(compiler=""), "arm.xml"), (ARM, "arm.urdf")])
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_bodies_are_written_with_their_intervals_and_short_numbers(tmp_path, text, name):
+    path, out, again = (tmp_path / each for each in (name, f"new_{name}", f"again_{name}"))
+    path.write_text(text, encoding="utf-8", newline="")
+    base = "base" if name == "arm.xml" else "root"
+    arm = mechanism(path, base)
+    full = full_of(arm)
+    write_model(out, arm, full)
+    first = out.read_text(encoding="utf-8")
+    assert len(COMMENT.findall(first)) == len(arm.bodies) and first.isascii() == text.isascii()
+    for body, row in zip(arm.bodies, full.rows[::10], strict=True):
+        assert f"mass {row.words} kg" in full.comments[body] and full.comments[body] in first
+    assert_short(first)
+    written = mechanism(out, base)
+    for ours, theirs in zip(written.known.reshape(-1, 10), full.phi.reshape(-1, 10), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-5 * abs(theirs).max())
+    other = full_of(written, seed=1)
+    write_model(again, written, other)
+    second = again.read_text(encoding="utf-8")
+    assert len(COMMENT.findall(second)) == len(arm.bodies) and other.comments[arm.bodies[-1]] in second
+    write_model(out, arm, full.phi)
+    assert not COMMENT.search(out.read_text(encoding="utf-8"))
+    np.testing.assert_allclose(mechanism(out, base).known, full.phi, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_an_opensim_file_has_the_intervals_of_its_bodies(tmp_path, version):
+    path, out = tmp_path / "model.osim", tmp_path / "new.osim"
+    phi = random_phi(np.random.default_rng(2), 2)
+    joints = [
+        opensim_files.Joint("PinJoint", f"pin{k}", parent, f"b{k}", [opensim_files.coordinate(f"q{k}")])
+        for k, parent in enumerate(("ground", "b0"))
+    ]
+    path.write_text(
+        opensim_files.document(joints, {f"b{k}": phi[10 * k : 10 * k + 10] for k in range(2)}, version=version)
+    )
+    arm = mechanism(path, "b0")
+    write_model(out, arm, full_of(arm))
+    assert len(COMMENT.findall(out.read_text())) == len(arm.bodies)
+    np.testing.assert_allclose(mechanism(out, "b0").known, full_of(arm).phi, rtol=1e-4, atol=1e-4)
+
+
+def constraints(text):
+    """Sections with constraints of a file, byte for byte."""
+    return re.findall(r"<(equality|tendon)>(.*?)</\1>", text, re.DOTALL)
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+@pytest.mark.parametrize("name", ["gripper", "tendons", "welded", "delta"])
+def test_constraints_are_written_back_byte_for_byte(tmp_path, name):
+    before = MODELS[name][0].replace(
+        '<geom size=".02" mass="1"/>', '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
+    )
+    odd = "<!-- ä, as > is -->\n  <joint  name='odd' active='false' joint1=\"{0}\" polycoef=' 0  1' ></joint>"
+    before = before.replace("</equality>", odd.format(MODELS[name][1][0]) + "</equality>", 1)
+    (tmp_path / "arm.xml").write_text(before, encoding="utf-8")
+    arm = sim.mechanism(tmp_path / "arm.xml")
+    closed = arm.closed([joint for joint in arm.tree.joints if joint not in MODELS[name][1]])
+    phi = 1.25 * closed.known
+    write_model(tmp_path / "new.xml", arm, phi)
+    after = (tmp_path / "new.xml").read_text(encoding="utf-8")
+    assert constraints(after) == constraints(before) and "polycoef=' 0  1' >" in after
+    assert after != before
+    np.testing.assert_allclose(sim.mechanism(tmp_path / "new.xml").known, phi, rtol=1e-6, atol=1e-9)

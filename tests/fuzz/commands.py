@@ -1,0 +1,213 @@
+"""The commands that are fuzzed: their files, options with valid and invalid values, and the valid files."""
+
+import json
+from dataclasses import dataclass
+from types import ModuleType
+
+import mujoco
+import numpy as np
+import wrist
+from written_formats import write_csv, write_mat, write_mot, write_trc
+
+import scenes
+from experiments import angles, compare, excite, human, identify, payload
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+Options = dict[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command and its arguments.
+
+    Attributes:
+        module: Module of the command.
+        files: Kind of each file, `model`, `log`, `columns` or none, and its alternatives; two of a log beside a `+`.
+        right: Values of valid options, none for a flag; `@KIND NAME` is a file.
+        wrong: Invalid values; `@` is the first file.
+        always: Options without which the command says nothing else.
+        given: Arguments in place of the files' names.
+    """
+
+    module: ModuleType
+    files: tuple[tuple[str, tuple[str, ...]], ...]
+    right: Options
+    wrong: Options
+    always: tuple[str, ...] = ()
+    given: tuple[str, ...] = ()
+
+
+def _identify(name: str, *models: str, always: tuple[str, ...] = ()) -> Command:
+    logs = *(f"{name}.{end}" for end in ("csv", "npz", "mot", "mat")), f"{name}-angles.mot+{name}-forces.csv"
+    right = {
+        "--base": ("base",),
+        "--columns": (f"@columns {name}.toml",),
+        "--cutoff": ("auto", "20"),
+        "--holdout": ("0.4", "0.05"),
+        "--held-out": (f"@log {name}.csv",),
+        "--no-offsets": (),
+        "--estimator": ("ordinary", "weighted", "trajectory"),
+        "--prior": ("auto", "on", "off"),
+        "--own": ("offset", "delay"),
+    }
+    wrong = {
+        "--base": ("link1", "link2", "world", "$", ""),
+        "--columns": ("absent.toml", "@", "."),
+        "--cutoff": ("0", "nan", "49", "1e-9", "1e9", "x"),
+        "--holdout": ("0.9", "2", "nan"),
+        "--held-out": ("@", "absent.csv", "."),
+        "--drive": ("viscous", "coulomb", "rotor", "stribeck", "x"),
+        "--ignore": ("grip", "x", "$"),
+        "--name": ("..", "a/b", "", "$", "\u202e", "x" * 300),
+    }
+    return Command(identify, (("model", models), ("log", logs)), right, wrong, ("--base", *always))
+
+
+RESULTS = tuple(f"{folder}/{file}.json" for folder in "ab" for file in ("estimate", "provenance"))
+PLAIN = _identify("plain", "plain.xml", "arm.urdf")
+COMMANDS = (
+    *3 * [PLAIN],
+    _identify("pad", "pad.xml", always=("--columns",)),
+    Command(
+        compare,
+        tuple((kind, (name,)) for kind, name in zip(("log", "model", "columns", ""), RESULTS, strict=True)),
+        {"--formats": ("none",)},
+        {"--formats": ("3", "x")},
+        given=("a", "b"),
+    ),
+    Command(
+        angles,
+        (("model", ("marked.xml",)), ("log", ("marked.trc",))),
+        {"--base": ("base",), "--scale": (), "--wrenches": ("@columns plain.csv",), "--mass": ("70",)},
+        {"--base": ("x", ""), "--mass": ("0", "nan", "-1"), "--places": ("@", "absent"), "--symmetric": ("",)}
+        | {"--scale-from": ("@", "absent"), "--wrenches": ("@", ".")},
+        ("--base",),
+    ),
+    Command(
+        payload,
+        (("model", ("wrist.xml",)), ("log", ("wrist.csv", "wrist.npz"))),
+        {"--body": ("tool",), "--sensor": ("wrist",), "--columns": ("@columns wrist.toml",)}
+        | {"--holdout": ("0.4",), "--no-offsets": (), "--flange": ("link7",)},
+        {"--body": ("link1", "x", "", "world"), "--sensor": ("x", ""), "--flange": ("x",), "--holdout": ("1", "nan")},
+        ("--body", "--sensor", "--columns"),
+    ),
+    # Without an error it takes minutes.
+    Command(
+        human,
+        (),
+        {"--seconds": ("2",)},
+        {"--seconds": ("1", "1e9", "x"), "--rate": ("1", "nan"), "--noise": ("0", "-1", "nan", "30", "inf")}
+        | {"--activities": ("sleeping", "", "$"), "--from": ("films",), "--persons": ("0",), "--seed": ("-1", "x")},
+    ),
+    Command(
+        excite,
+        (("model", ("plain.xml", "arm.urdf", "pad.xml")),),
+        {"--starts": ("1",), "--iterations": ("2",), "--seconds": ("2",), "--base": ("base",)}
+        | {"--joints": ("joint1", "joint2"), "--criterion": ("determinant", "condition")}
+        | {"--sensors": ("torque",), "--collisions": ("ignore",)},
+        {"--base": ("x", "", "link2"), "--joints": ("x", ""), "--seconds": ("0", "1e-7", "1e7", "nan")}
+        | {"--velocity": ("1e-7", "1e7"), "--acceleration": ("0",), "--harmonics": ("1", "100"), "--noise": ("x",)},
+        ("--starts", "--iterations", "--seconds", "--base"),
+    ),
+)
+"""The commands, `identify` more often than others."""
+
+URDF = """<?xml version="1.0" encoding="utf-8"?>
+<robot name="arm">
+  <link name="base"><inertial><mass value="4"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="link1"><inertial><origin xyz="0 0 0.2" rpy="0.1 0 0"/><mass value="3.7"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.006" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="link2"><inertial><origin xyz="0.1 0 0.2"/><mass value="13"/>
+    <inertia ixx="0.4" iyy="0.4" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="joint1" type="revolute"><parent link="base"/><child link="link1"/><axis xyz="1 0 0"/>
+    <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+  <joint name="joint2" type="revolute"><parent link="link1"/><child link="link2"/><origin xyz="0 0 0.425"/>
+    <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+</robot>
+"""
+JOINTS = """time = "time"
+joints.joint1.position = { column = "joint1_position", unit = "rad" }
+[joints.joint2]
+position = "joint2_position"
+velocity = ""
+acceleration = ""
+"""
+WRENCH = """[wrenches.{name}]
+{body}
+force = ["{column}_force.x", "{column}_force.y", "{column}_force.z"]
+torque = ["{column}_torque.x", "{column}_torque.y", "{column}_torque.z"]
+unit = "N"
+position = [0, 0, {z}]
+rpy_deg = [0, 0, {turn}]
+"""
+GROUND = JOINTS + WRENCH.format(name="ground", body="", column="ground", z=0, turn=0)
+TIP = WRENCH.format(name="tip", body='body = "link2"\napplied_to_link = false', column="contact", z=0.4, turn=0)
+MAPPINGS = {"plain": GROUND, "pad": GROUND + TIP}
+MAPPINGS |= {"wrist": WRENCH.format(name="wrist", body='body = "tool"', column="wrist", z=0.01, turn=45)}
+
+
+def write_corpus(folder):
+    """Writes the valid files."""
+    texts = {f"{name}.toml": text for name, text in MAPPINGS.items()} | {"arm.urdf": URDF, "wrist.xml": wrist.model()}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    recordings = {"wrist": wrist.log(seconds=3.0)}
+    for name, contact in (("plain", None), ("pad", "pad")):
+        spec = scenes.load("double_pendulum", contact=contact)
+        spec.compile()
+        (folder / f"{name}.xml").write_text(spec.to_xml(), encoding="utf-8")
+        recordings[name] = recording = simulate(spec, DOUBLE_PENDULUM, samples=150)
+        vectors = {key: x for key, x in recording.measured.items() if x.ndim == 2}
+        forces = {f"{key}.{axis}": x[:, k] for key, x in vectors.items() for k, axis in enumerate("xyz")}
+        joints = {key: x for key, x in recording.measured.items() if key.startswith("joint") and x.ndim == 1}
+        time = {"time": recording.time}
+        write_mot(folder / f"{name}.mot", time | joints | forces, degrees="no")
+        write_mot(folder / f"{name}-angles.mot", time | joints, degrees="no")
+        write_csv(folder / f"{name}-forces.csv", time | forces)
+        write_mat(folder / f"{name}.mat", time | joints, **vectors)
+    for name, recording in recordings.items():
+        for ending in ("csv", "npz"):
+            recording.save(folder / f"{name}.{ending}")
+    _write_results(folder)
+    _write_markers(folder)
+
+
+def _write_results(folder):
+    """Writes two folders of results of `identify`."""
+    names = "m1", "m2rz2", "Ixx2"
+    for k, name in enumerate("ab"):
+        estimate = {
+            "verdict": "Usable",
+            "columns": [*names, "offset(Fx)"],
+            "values": [1.0 + k / 10, 2.0, 3.0, 7.0],
+            "covariance": np.diag([0.01, 0.04, 0.09, 1]).tolist(),
+            "std_setup": [0.2, 0.4, 0.6, 2.0],
+            "regrouping": dict(zip(names, ("m1 + m2", "m2rz2", "Ixx2"), strict=True)),
+            "held_out": {"Fx": {"ratio": 0.25}},
+            "setup": [{"name": "delay", "text": "late"}],
+            "bodies": {"base": {"m": 1.0}, "link1": {"m": 2.0}},
+        }
+        log = {"model": {"file": "m.xml", "sha256": "0"}, "logs": [{"file": f"{k}.csv", "sha256": str(k)}]}
+        run = {"options": {"estimator": "trajectory", "fix": [], "gaps": bool(k)}, "recording": log}
+        (folder / name).mkdir()
+        contents = {"estimate": estimate, "provenance": run | {"versions": {"multicontact": "1"}, "git_commit": None}}
+        for file, content in contents.items():
+            (folder / name / f"{file}.json").write_text(json.dumps(content), encoding="utf-8")
+
+
+def _write_markers(folder):
+    """Writes a double pendulum with markers, and a trial of it."""
+    spec, places = scenes.load("double_pendulum"), ((0.1, 0, 0.1), (0, 0.1, 0.2), (-0.1, 0, 0.3))
+    labels = {f"{body}_{k}": at for body in ("base", "link1", "link2") for k, at in enumerate(places)}
+    for label, at in labels.items():
+        spec.body(label[:-2]).add_site(name=label, pos=at)
+    model, time = spec.compile(), np.arange(40) / 100
+    (folder / "marked.xml").write_text(spec.to_xml(), encoding="utf-8")
+    data, positions = mujoco.MjData(model), []
+    for t in time:
+        data.qpos[:] = 0.3 * np.sin(3 * t + np.arange(model.nq))
+        mujoco.mj_kinematics(model, data)
+        positions.append([data.site(label).xpos.copy() for label in labels])
+    write_trc(folder / "marked.trc", time, dict(zip(labels, np.array(positions).swapaxes(0, 1), strict=True)))

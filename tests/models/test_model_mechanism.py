@@ -1,0 +1,182 @@
+"""What a model states besides its tree: names, fixed joints, sites, ranges and plausible units."""
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+
+import sim
+from experiments import excite, identify, stream
+from experiments.studies.user_files import prepare
+from ident.identification import identified
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.recordings.recording import STATES, Recording
+from sim.models import mujoco_model
+from sim.models.model_mechanism import mechanism
+from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.models.notes import ModelNote
+
+INERTIAL = '<inertial mass="{}" pos=".05 .02 .1" fullinertia=".02 .03 .015 .001 0 .002"/>'
+HAND = f"""<mujoco><worldbody><body name="base">{INERTIAL.format(3)}
+<body name="arm" pos="0 0 .3"><joint name="shoulder" axis="0 1 0"/>{INERTIAL.format(2)}
+<body name="left" pos=".3 0 0"><joint name="finger1" type="slide" axis="0 1 0"/>{INERTIAL.format(0.3)}</body>
+<body name="right" pos=".3 0 0"><joint name="finger2" type="slide" axis="0 -1 0"/>{INERTIAL.format(0.4)}</body>
+</body></body></worldbody><equality><joint joint1="finger2" joint2="finger1"/></equality></mujoco>"""
+"""An arm with two fingers, coupled like mimic joints of URDF."""
+
+AT = 0.03
+"""Position of the fingers, m."""
+
+TIME = np.arange(300) / 100
+
+
+@pytest.fixture
+def files(tmp_path):
+    """The model, and a recording of the wrench below it and of the shoulder's torque."""
+    model, log = tmp_path / "hand.xml", tmp_path / "log.csv"
+    model.write_text(HAND, encoding="utf-8")
+    with pytest.warns(ModelNote, match="By equality"):
+        tree, phi = tree_from_model(model, "base"), parameters_from_model(model, "base")
+    w = 2 * np.pi * np.array([0.4, 0.9, 1.3])
+    a, phase = np.array([0.7, 0.3, 0.1]), np.array([0.2, 1.1, 2.5])
+    angle = np.multiply.outer(TIME, w) + phase
+    q, dq, ddq = (a * np.sin(angle)).sum(1), (a * w * np.cos(angle)).sum(1), (-a * w**2 * np.sin(angle)).sum(1)
+    states = (np.column_stack([q, 0 * q + AT, 0 * q + AT]), *(np.column_stack([x, 0 * x, 0 * x]) for x in (dq, ddq)))
+    noise = 1e-6 * np.random.default_rng(0).normal(size=(len(TIME), 6))
+    wrench = base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81]) @ phi + noise
+    torque = joint_torque_regressor(tree, *states, gravity=[0, 0, -9.81]) @ phi
+    channels = {f"shoulder_{kind}": x for kind, x in zip(STATES, (q, dq, ddq), strict=True)}
+    channels |= {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
+    Recording(TIME, channels).save(log)
+    return model, log, channels | {"shoulder_torque": torque[:, 0]}
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_path):
+    model, log, _ = files
+    prepared = prepare(model, log, base="base", fix={"finger1": [AT], "finger2": [AT]})
+    assert prepared.mechanism.tree.joints == ("shoulder",) and len(prepared.mechanism.known) == 40
+    result = identified(prepared)
+    truth = prepared.equations.parameters.regroup(prepared.mechanism.known)
+    np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
+
+
+@pytest.mark.usefixtures("here")
+def test_what_to_type_is_said(files, tmp_path, capsys):
+    model, log, _ = files
+    arguments = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]
+    for command in (identify, stream):
+        message = refusal(command.main, arguments, capsys)
+        assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
+        assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
+        for fix, what in {
+            ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
+            ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
+            ("--fix", "finger1", "0", "1"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [0.0, 1.0].",
+            ("--fix", "finger1", "1e300"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [1e+300].",
+            ("--fix", "finger1", "nan"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [nan].",
+        }.items():
+            assert what in refusal(command.main, [*arguments, *fix], capsys)
+    message = refusal(excite.main, [str(model), "--base", "base", "--joints", "finger1", "finger2"], capsys)
+    assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
+
+
+UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
+<body><geom size=".1"/><site/>
+<body name="body1" pos="0 0 .3"><joint name="joint1" axis="1 0 0" range="-100 100"/><geom size=".1"/>
+<body pos="0 0 .3"><joint axis="0 1 0" range="-100 100"/><geom size=".1" pos="0 0 .5"/></body></body></body></worldbody>
+<actuator><position joint="joint1" kp="500" kv="50"/></actuator>
+<sensor><jointpos joint="joint1"/></sensor></mujoco>"""
+"""The first body and the second joint have no names, and their default names are taken by others."""
+
+
+@pytest.fixture
+def path(tmp_path):
+    out = tmp_path / "unnamed.xml"
+    out.write_text(UNNAMED, encoding="utf-8")
+    return out
+
+
+def test_joints_without_names_are_excited(path, tmp_path):
+    arguments = [str(path), "--base", "body1_", "--seconds", "4", "--starts", "1", "--iterations", "2"]
+    assert excite.main([*arguments, "--collisions", "ignore", "--formats", "png", "--out", str(tmp_path)]) == 0
+    channels = Recording.load(next(tmp_path.rglob("trajectory.npz"))).measured
+    assert {"joint1_position", "joint1__position"} <= set(channels)
+
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body name="base"><geom size=".1"/>
+<body name="plinth" pos="0 0 .1" euler="0 0 .3"><geom size=".1"/><site name="low" pos="0 .2 0"/>
+<body name="upper" pos="0 0 .2" euler=".4 0 0"><joint name="lift" axis="0 1 0" range="-1 2"/><geom size=".1"/>
+<body name="tool" pos=".3 0 0" euler="0 .2 0"><geom size=".1"/><site name="tip" pos="0 0 .1" euler="0 0 .5"/>
+<body name="ball"><joint name="wrist" type="ball" range="0 1"/><geom size=".1"/>
+<body name="slider"><joint name="rail" type="slide"/><geom size=".1"/></body></body></body></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.fixture
+def model_path(tmp_path):
+    model_path = tmp_path / "arm.xml"
+    model_path.write_text(ARM, encoding="utf-8")
+    return model_path
+
+
+@pytest.mark.parametrize("base", [None, "base", "plinth"])
+@pytest.mark.parametrize("fix", [None, {"lift": [0.4]}])
+def test_sites_stay_in_place_where_welds_are_merged(model_path, base, fix):
+    kept, merged = (mechanism(model_path, base, merge_welds=merge, fix=fix) for merge in (False, True))
+    assert len(merged.bodies) < len(kept.bodies) and kept.sites.keys() == merged.sites.keys()
+    q = np.array([*([] if fix else [0.3]), 0.5, 0.5, 0.5, 0.5, 0.1])
+    for name in kept.sites:
+        places = [m.tree.poses(q)[m.tree.names.index(m.site(name)[0])] @ m.site(name)[1] for m in (kept, merged)]
+        np.testing.assert_allclose(*places, atol=1e-12)
+
+
+def test_a_site_is_where_mujoco_has_it(model_path):
+    arm, model = mechanism(model_path, "base"), mujoco_model.compiled(model_path)
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
+    mujoco.mj_kinematics(model, data)
+    body, pose = arm.site("tip")
+    computed = arm.tree.poses(data.qpos)[arm.tree.names.index(body)] @ pose
+    np.testing.assert_allclose(computed[:3, 3], data.site("tip").xpos, atol=1e-12)
+    np.testing.assert_allclose(computed[:3, :3].ravel(), data.site("tip").xmat, atol=1e-12)
+    with pytest.raises(ValueError, match="no site named 'wall'; its sites are low, tip"):
+        arm.site("wall")
+
+
+def test_a_model_without_mass_is_a_mechanism_without_a_prior():
+    ghost = mechanism(mujoco.MjSpec.from_string('<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>'))
+    assert ghost.tree.names == ("ghost",) and ghost.prior is None
+    with pytest.raises(ValueError, match="A mechanism needs mass; ghost have none"):
+        _ = ghost.weight
+
+
+PLAIN_ARM = """<mujoco><worldbody><body name="upper"><joint name="lift" axis="0 1 0"/>
+  <inertial mass="{m}" pos="{c} 0 0" diaginertia="{i} {k} {k}"/>
+  <body name="fore" pos="{length} 0 0"><joint name="bend" axis="0 1 0"/>
+  <inertial mass="{m}" pos="{c} 0 0" diaginertia="{i} {k} {k}"/></body></body></worldbody></mujoco>"""
+
+
+def arm(*, mass=1.0, length=1.0, inertia=1.0):
+    """An arm of two links of 2 kg and 300 mm, with factors on its units."""
+    numbers = {"m": 2 * mass, "c": 0.15 * length, "length": 0.3 * length, "i": 0.002 * inertia, "k": 0.016 * inertia}
+    return sim.mechanism(mujoco.MjSpec.from_string(PLAIN_ARM.format(**numbers)))
+
+
+@pytest.mark.parametrize(
+    ("factors", "told"),
+    [
+        ({"length": 1e3}, "'fore' from its parent at 300 m: its lengths may be in mm"),
+        ({"inertia": 1e4}, "upper .*, fore .*: their inertias may be in kg cm²"),
+        ({"inertia": 1e6}, "upper .*, fore .*: their inertias may be in kg mm²"),
+        ({"inertia": 1e7}, "upper .*, fore .*: their inertias may be in g cm²"),
+        ({"inertia": 1e9}, "upper .*, fore .*: their inertias may be in g mm²"),
+        ({"mass": 1e3}, "upper .*, fore .*: their masses may be in g"),
+        ({"mass": 1e3, "inertia": 1e3}, "upper .*, fore .*: their masses may be in g"),
+        ({"mass": 1e3, "inertia": 1e9}, "or in g mm² with masses in g"),
+    ],
+)
+def test_a_unit_that_no_material_allows_is_noted_with_the_body(factors, told):
+    with pytest.warns(ModelNote, match=told) as notes:
+        arm(**factors)
+    assert len(notes) == 1

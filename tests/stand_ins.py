@@ -1,0 +1,54 @@
+"""Stand-ins for what takes most of a study's time: processes, drawing, and trajectory estimates."""
+
+from concurrent.futures import Executor, Future
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.data import simulated_study
+from experiments.data.fitting import Trial
+from experiments.document import figures
+from experiments.document.document import Plot
+
+
+class Here(Executor):
+    """Runs tasks at once in this process, in place of `workers.Processes`."""
+
+    def __init__(self, number=1):
+        """Starts nothing."""
+
+    def submit(self, work, /, *args, **kwargs):
+        """A finished or failed future."""
+        future = Future()
+        try:
+            future.set_result(work(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def start(self):
+        """Does nothing."""
+
+    kill = start
+
+
+def not_drawn(figure, extension):
+    """An empty file in place of a figure."""
+    return b""
+
+
+def leave_undrawn(patched):
+    """Draws no figures while a monkeypatch lasts: those of documents are empty, and so are their files."""
+    patched.setattr(figures, "drawn", not_drawn)
+    patched.setattr(Plot, "figure", Figure())
+
+
+def truth(mechanism, recording, base, **_):
+    """The true base parameters, as an estimate."""
+    psi = base.regroup(mechanism.known)
+    return Trial(base, psi, np.ones_like(psi), psi)
+
+
+def use_truth(patched):
+    """Replaces the studies' trajectory estimates by the truth while a monkeypatch lasts."""
+    patched.setattr(simulated_study, "trajectory_fit", truth)
