@@ -153,8 +153,14 @@ def pieces(text: str) -> Iterator[tuple[str, Symbol]]:
 
 
 def _with_minus(text: str) -> str:
-    """Plain text with minus signs before numbers and between terms; a hyphen alone stays."""
-    return re.sub(r"(?<![^\s(])-(?=(?: ?\d[\d.]*(?:[\s,;)%]|$))| $)", "\N{MINUS SIGN}", text)
+    """Plain text with minus signs before numbers and between terms; a hyphen alone stays, as do those that are to copy.
+
+    >>> _with_minus("off by -2, so write rpy_deg = [0, -90, 0] or --base-rpy 0 -90 0")
+    'off by −2, so write rpy_deg = [0, -90, 0] or --base-rpy 0 -90 0'
+    """
+    copied = r"\w+ = (?:\[[^]]*\]|\S+)|--[a-z][\w-]*(?: -?\d[\d.]*)*"
+    minus = r"(?<![^\s(])-(?=(?: ?\d[\d.]*(?:[\s,;)%]|$))| $)"
+    return re.sub(f"({copied})|{minus}", lambda match: match[1] or "\N{MINUS SIGN}", text)
 
 
 def _symbol(match: re.Match[str]) -> Symbol:

@@ -7,10 +7,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2.filters import do_mark_safe
 
 from experiments.document import print_table, symbols
 from experiments.document.document import Document, Plot
@@ -59,7 +61,8 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest, "form": format}
+    filters = {"pieces": pieces, "options": _options, "indented": _indented, "digest": _digest, "form": format}
+    environment.filters |= filters
     return environment
 
 
@@ -72,6 +75,15 @@ def sentences(template: str, **values: object) -> list[str]:
 def _visible(value: Any) -> Any:
     """A text without marks of writing direction; keeps the type of HTML texts."""
     return type(value)(symbols.visible(value)) if isinstance(value, str) else value
+
+
+def _options(text: str) -> str:
+    """Text in HTML, in which no line breaks within the name of an option.
+
+    >>> print(_options("as <b> --no-rail has"))
+    as &lt;b&gt; <code class="option">--no-rail</code> has
+    """
+    return do_mark_safe(re.sub(r"(?<!\S)--[a-z][\w-]*", r'<code class="option">\g<0></code>', escape(text)))
 
 
 def _digest(text: str) -> str:

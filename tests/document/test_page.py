@@ -10,7 +10,7 @@ from test_escape import EVIL
 from experiments.document import pictures
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.tabular import Table
-from experiments.document.writer import Output, written
+from experiments.document.writer import Output, environment, written
 from experiments.reports import index
 
 
@@ -115,3 +115,8 @@ def test_the_papers_columns_stand_alone_beside_ours():
     assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
     assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
     assert shown.texts()[0][3:] == ["0.1", "0.1"]
+
+
+def test_numbers_and_options_to_copy_are_as_typed():
+    shown = environment().get_template("parts.html").make_module({}).prose("by -2, gain = -1, --base-rpy 0 -90 0")
+    assert "by \u22122, gain = -1, <code" in shown and ">--base-rpy</code> 0 -90 0" in shown
