@@ -17,6 +17,7 @@ from experiments.document.writer import sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
+from ident.judgement.finding import title_of
 from ident.judgement.verdict import Outcome as Verdict
 from ident.tolerances import INTERVAL
 
@@ -41,7 +42,7 @@ def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabula
             log=[each.log for each in outcomes],
             verdict=[Verdict(each.verdict).word if each.verdict else "failed" for each in outcomes],
             predicted=["" if each.error else _predicted(each) for each in outcomes],
-            doubts=[", ".join(each.doubts) for each in outcomes],
+            doubts=["; ".join(map(title_of, each.doubts)) for each in outcomes],
             least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
             largest_ratio=[max(each.ratios.values(), default=float("nan")) for each in outcomes],
             differs_most_in=differs,

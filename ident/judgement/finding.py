@@ -146,6 +146,16 @@ TITLES = {
 """Short titles of findings whose codes are not words enough."""
 
 
+def title_of(code: str) -> str:
+    """Title of a code's findings, in at most `WORDS` words.
+
+    >>> title_of("weight_differs")
+    'Weight differs'
+    """
+    words = TITLES.get(code, code.replace("setup", "set-up").replace("_", " "))
+    return words[0].upper() + words[1:]
+
+
 @dataclass(frozen=True)
 class Finding:
     """A doubt on the estimate, or a remark on it.
@@ -188,9 +198,9 @@ class Finding:
     @property
     def title(self) -> str:
         """At most `WORDS` words: what it says, and what it is about if these names are few enough."""
-        words = TITLES.get(self.code, self.code.replace("setup", "set-up").replace("_", " "))
+        words = title_of(self.code)
         names = [*self.place.channels, *self.place.wrenches, *self.place.joints, *self.place.bodies]
-        words, about = words[0].upper() + words[1:], f": {listed(names, 'places')}"
+        about = f": {listed(names, 'places')}"
         return words + about * (0 < len(names) <= NAMED and len((words + about).split()) <= WORDS)
 
     @property

@@ -321,12 +321,14 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
             values=each,
             std=dict.fromkeys(NAMES, 1.0),
             units=dict.fromkeys(NAMES, "u"),
+            doubts=["weight_differs", "setup_axis"],
         )
         for k, each in enumerate(values)
     ]
     failed = LogOutcome("bad.csv", error="bad.csv: no.")
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
     (_, sentence, doubt), (_, failure, _) = document.findings
+    assert "Weight differs; Set-up axis" in " ".join(document.tables["table_logs"].markdown().split())
     assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
     names = ", ".join(f"run{k}.csv" for k in moved)
     assert (
