@@ -200,8 +200,8 @@ def screen(made: Document, result: Estimate) -> str:
 
 
 def first_lines(cards: Sequence[Card]) -> list[str]:
-    """The first findings, a line each."""
-    return [line_of(shorten(card.text, LINE, placeholder=" …"), card.doubt) for card in cards[:FIRST]]
+    """First sentences of the first findings, a line each."""
+    return [_remark(card.text, LINE, card.doubt) for card in cards[:FIRST]]
 
 
 def verbose(made: Document, result: Estimate) -> str:
@@ -227,9 +227,9 @@ def verbose(made: Document, result: Estimate) -> str:
     return wrapped("\n".join(lines))
 
 
-def _remark(text: str) -> str:
-    """First sentence of a remark in at most two lines."""
-    return line_of(shorten(sentences(text)[0], LONGEST, placeholder=" …"), doubt=False)
+def _remark(text: str, most: int = LONGEST, doubt: bool = False) -> str:
+    """First sentence of a finding, in at most so many letters."""
+    return line_of(shorten(sentences(text)[0], most, placeholder=" …"), doubt)
 
 
 def _ratios(result: Estimate, most: int) -> str:

@@ -16,6 +16,8 @@ from scipy.signal import butter, sosfiltfilt
 
 import scenes
 from experiments import identify
+from experiments.document.document import Card
+from experiments.reports import identify_report
 from experiments.studies.user_files import prepare
 from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
@@ -335,6 +337,12 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
+
+
+def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():
+    cards = [Card("", "Torques rub. Weigh the arm.", False), Card("", "long " * 99, True)]
+    whole, cut = identify_report.first_lines(cards)
+    assert whole == "  - Torques rub." and cut.startswith("  ! long") and cut.endswith(" …")
 
 
 @pytest.mark.usefixtures("undrawn")
