@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.annotations import fits, in_words
+from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.limits import reason
 from ident.judgement.agreement import Comparison
@@ -190,8 +191,10 @@ def _read(path: Path, check: Callable[[Content], None]) -> Content:
         # Half of a surrogate pair is text for JSON, but cannot be written to a file.
         json.dumps(content, ensure_ascii=False).encode()
     except (OSError, ValueError, RecursionError) as error:
+        inner = listed(f"'{each.parent.as_posix()}'" for each in sorted(path.parent.glob(f"*/{path.name}")))
+        held = f" Its folders hold some: {inner}." * bool(inner)
         raise InputError(
-            f"'{path.parent}' needs to hold results of identify, but {path.name}: {reason(error)}."
+            f"'{path.parent}' needs to hold results of identify, but {path.name}: {reason(error)}.{held}"
         ) from None
     try:
         check(content)

@@ -124,6 +124,7 @@ def test_a_page_and_figures_are_written(tmp_path):
         (["a"], "needs two or more different folders"),
         (["a", "a"], "needs two or more different folders"),
         (["a", "absent"], "needs to hold results of identify, but estimate.json: No such file or directory."),
+        (["a", "{a}/.."], "Its folders hold some: '"),
         (["a", "other"], "Results of one mechanism can be compared"),
         (["a", "broken"], "lacks covariance"),
         (["a", "b", "--out", "{a}"], "needs a folder of its own"),
