@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.separation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, judged, listed, remark
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, judged, listed, remark
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
@@ -129,9 +129,8 @@ def _last_links(mechanism: Mechanism) -> list[str]:
 
 def _moved(beginning: str) -> Callable[..., str]:
     def sentence(moved: Sequence[Mapping[str, Any]]) -> str:
-        each = listed(
-            (f"{x['name']}{' of ' * bool(x['body'])}{x['body'] or ''} by {x['z']:+.1f}" for x in moved), "parameters"
-        )
+        shifts = {f"{x['name']}{' of ' * bool(x['body'])}{x['body'] or ''}": x["z"] for x in moved}
+        each = bracketed(shifts, "parameters", "+.1f")
         end = f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
         return f"{beginning} {end}"
 

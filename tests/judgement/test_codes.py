@@ -238,3 +238,8 @@ def test_a_doubt_is_of_the_row_or_of_the_judge_and_never_of_both():
     for wrong in ({"code": "weight_differs"}, {"code": "weight_drifts", "doubt": True}):
         with pytest.raises(ValueError, match="either from its row or from its judge"):
             Finding.of(wrong.pop("code"), **wrong)
+
+
+def test_many_moved_parameters_are_counted_with_the_range_of_their_moves():
+    moved = [{"name": f"m{k}", "body": "link", "z": k - 2.0} for k in range(6)]
+    assert FINDINGS["no_physical_bodies"].rendered({"moved": moved}).endswith("moves 6 parameters (-2.0 to +3.0).")
