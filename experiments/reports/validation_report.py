@@ -14,6 +14,7 @@ from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
+from ident.judgement.finding import number_of
 from ident.tolerances import INTERVAL
 
 DIGITS = 6
@@ -119,7 +120,7 @@ def peer_lines(study: Study) -> list[str]:
             better = int(np.concatenate([ratios < own for own, ratios in run]).sum())
             out.append(
                 f"Beside {name}, the estimate predicts worse in {better} of {sum(len(own) for own, _ in run)} channels "
-                f"of {len(run)} recordings."
+                f"of {number_of(len(run), 'recording')}."
             )
         out += [f"{name} is not compared with. {x}" for x in dict.fromkeys(x for _, x in pairs if isinstance(x, str))]
     return out

@@ -77,7 +77,7 @@ def table_recordings(study: Study) -> tabular.Table:
         "RMS z of halves in standard deviations from the noise; beyond 1 these are widened by as much, and halves "
         "inside 95 % are of the widened ones.",
     )
-    return tabular.Table("Recordings of real systems", columns_of_all, rows, decimals=1, heads=heads, notes=notes)
+    return tabular.Table("Public recordings", columns_of_all, rows, decimals=1, heads=heads, notes=notes)
 
 
 def _recording(validation: Validation) -> tuple[tabular.Cell, ...]:

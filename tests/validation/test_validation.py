@@ -86,8 +86,8 @@ def test_known_parameters_come_first(result):
     assert inside(truth.z) > 0.8 and truth.significant.sum() > 5
     (first, *_), number = report.lines(result), len(truth.names)
     assert re.fullmatch(
-        rf"Arm: of {number} known parameters [\d.]+ % lie in our 95 % intervals, median error [\d.]+ %\. The error is "
-        rf"of the {truth.significant.sum()} that differ from zero in them\.",
+        rf"Arm: of {number} known parameters [\d.]+ % lie in our 95 % intervals, median error [\d.]+ %\. The median is "
+        rf"over the {truth.significant.sum()} whose intervals exclude zero\.",
         first,
     )
     shown = report.document(result, {})
@@ -106,7 +106,7 @@ def test_other_software_stands_beside_the_estimate(result):
     answers = {"fast": {"ratios": each.ratios[ESTIMATE] * [0.9, 1.2, 2], "seconds": 1.5}, "absent": "It needs a thing."}
     beside = replace(result, validations={"arm": replace(each, peers=answers)})
     shown = report.lines(beside)
-    assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recordings." in shown
+    assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recording." in shown
     assert "absent is not compared with. It needs a thing." in shown
     rows = report.document(beside, {}).tables["table_peers"].rows
     assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
