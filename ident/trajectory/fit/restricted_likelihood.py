@@ -1,11 +1,15 @@
 """Noise and smoothness by restricted maximum likelihood: one update for each step of the parameters.
 
-    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / c_jᵀ P c_j
+    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / (c_jᵀ P c_j + 2 / λ_j)
 
 H_m and λ_j P_j are the parts of the curvature H from a stream of measurements and from the jerk's penalty (Wood and
-Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). Each stream's noise has constant size, and may be correlated as
-`x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and differences r_k - r_k-1 are uncorrelated with variances
-v± = 2 σ² (1 ± ρ), which follow by the same update; the trajectory absorbs more of the sums:
+Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). With 2 / λ_j, the likelihood times the variance 1 / λ_j has its
+maximum (Li and Lahiri, J. Multivariate Analysis 101:882-892, 2010): by itself it is often largest without any motion
+where that is below slow noise, and the motion that is lost is in no interval.
+
+Each stream's noise has constant size, and may be correlated as `x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and
+differences r_k - r_k-1 are uncorrelated with variances v± = 2 σ² (1 ± ρ), which follow by the same update; the
+trajectory absorbs more of the sums:
 
     v± <- v± · Σ s±² / ((1 ∓ ρ) N / 2 - tr(H⁻¹ H±)),      ρ <- (v+ - v-) / (v+ + v-)
 
@@ -35,6 +39,10 @@ COLOURED_FLOOR = 15.0
 """Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
 to the channel is no measure of its noise."""
 
+LEAST_MOTION = 2.0
+"""Least degrees of freedom of a coordinate's motion in a recording. Where a joint of a person swings by 1° in noise of
+.5° that lasts, its motion was lost and parameters were off by up to 3.7 s.d. for it, with this by .8."""
+
 ALIKE = 0.1
 """Least noise of a component relative to the median of its sensor's components in the same unit."""
 
@@ -63,7 +71,7 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     new = {
         "states": np.maximum(noise.states * np.sqrt(of_states[0]), floors["states"]),
         "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floors["channels"]),
-        "jerk": np.maximum(rank - held, TINY) / np.maximum(bends, TINIEST),
+        "jerk": np.maximum(rank - held, TINY) / (bends + LEAST_MOTION / noise.jerk),
     }
     if coloured:
         linked = number[1:].sum(axis=0)

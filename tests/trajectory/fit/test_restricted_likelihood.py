@@ -14,10 +14,8 @@ from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.iteration import COLOURED, fit
 from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import linearised, misfit
-from ident.trajectory.fit.restricted_likelihood import (
-    renewed,
-)
-from ident.trajectory.start import smoothed
+from ident.trajectory.fit.restricted_likelihood import LEAST_MOTION, renewed
+from ident.trajectory.start import COORDINATES, smoothed
 
 STEP = 0.02
 SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
@@ -139,6 +137,23 @@ def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monke
     np.testing.assert_allclose(end, best.x, rtol=0.02)
     # The trajectory has absorbed slow noise: the residuals themselves are less correlated.
     assert end[1] - plain > 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_motion_below_slow_noise_is_not_taken_as_none(seed):
+    """Four, instead of .04 to .6 degrees of freedom."""
+    time, none = STEP * np.arange(200), np.zeros(0)
+    noisy = 0.2 * np.sin(3 * time) + 0.5 * correlated(np.random.default_rng(seed), 200, 0.9)
+    spline, wrenches = Spline.over(-0.1, time[-1] + 0.1, 0.15), np.zeros((0, 2, 0))
+    piece = Piece(spline, time, noisy[:, None], none, np.zeros((0, 0)), wrenches)
+    given = replace(noise_of(0.5, 0.9), channels=none, channels_rho=none, floor_channels=none)
+    end = smoothed([piece], [given])
+    here = {"theta": none, "noise": end.noises[0]}
+    part = linearised(COORDINATES, piece, end.coefficients[0], **here)
+    root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
+    held = linearised(COORDINATES, piece, end.coefficients[0], **here, root=root).held
+    left = misfit(COORDINATES, piece, end.coefficients[0], **here).rank - held
+    assert left > 0.9 * LEAST_MOTION
 
 
 def turned(rng, rho, sigma, inertia=2.0, number=300):
