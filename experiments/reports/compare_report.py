@@ -175,14 +175,14 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
     texts = map(wrapped, agreements.values())
     labels = pictures.labels_of([pair.second.name for pair in pairs])
     rows = {
-        f"{number}: {label}": pair.comparison.difference / (INTERVAL * pair.std_setup)
+        f"{number}: {label}": pair.comparison.z / INTERVAL
         for number, (label, pair) in enumerate(zip(labels, pairs, strict=True), start=2)
         if not pair.shared
     }
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
         headline=headline(pairs),
-        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}")] if rows else [],
+        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}, noise alone")] if rows else [],
         findings=[Card(title(pair), text, True) for pair, text in agreements.items() if relation(pair) != "Agree"],
         lines=[
             *(text for pair, text in agreements.items() if relation(pair) == "Agree"),
