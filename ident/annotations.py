@@ -191,7 +191,7 @@ def in_words(hint: Any, *, several: bool = False) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(in_words(each, several=several) for each in args))
     if origin is Annotated:
-        return str(args[1].words)
+        return f"{'entries, each ' * several}{args[1].words}"
     if origin is tuple and args and args[-1] is not Ellipsis:
         return f"{'tuples' if several else 'a tuple'} ({', '.join(map(in_words, args))})"
     name = getattr(origin, "__name__", str(origin))

@@ -15,6 +15,7 @@ import scenes
 import sim
 from ident.estimation.equations import COMPONENTS
 from ident.identification import checked_setup
+from ident.mechanism.motion import Motion
 from ident.recordings.columns.mapping import stated_mapping
 from ident.recordings.recording import STATES
 from ident.recordings.wrench import Sensor
@@ -58,7 +59,7 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
 
 
-def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):
+def test_an_estimate_and_a_model_with_joints_displaced_predict_other_motions(tmp_path):
     estimate = identified(1.15)
     states = motion(np.random.default_rng(1), 1.0)
     tree = PENDULUM.tree
@@ -66,6 +67,8 @@ def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_pa
     home[:3, 3] *= 1.15
     true = replace(tree, bodies=(*tree.bodies[:2], replace(tree.bodies[2], home=home)))
     expected = ident.base_wrench_regressor(true, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    # Those parameters included that no channel shows where joints lie as in the model.
+    assert ((estimate.predict(Motion(*states)) - expected).std(axis=0) < NOISE).all()
     errors = []
     for displaced in (estimate.displaced, {}):
         sim.write_model(tmp_path / "new.xml", PENDULUM, estimate.consistent(), displaced=displaced)

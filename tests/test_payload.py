@@ -57,6 +57,7 @@ def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
 def test_a_late_sensor_is_found_and_named():
     payload = identify_payload(arm(), wrist.log(seconds=8.0, delay=4), **GIVEN)
     delay = next(each for each in payload.sensor_parameters if each.name == "delay(wrist)")
+    assert [*delay.to_dict().values()] == [*delay[:4]]
     assert delay.taken_out and abs(delay.value - 0.04) < 4 * delay.std
     (finding,) = coded(payload, "setup_delay")
     assert finding.values["of"] == "wrist" and finding.values["value"] == delay.value

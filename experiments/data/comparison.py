@@ -212,7 +212,9 @@ def _check_estimate(content: Content) -> None:
     sizes = np.abs([*content["values"], *std, *np.ravel(covariance)])
     _need(bool((sizes < LARGE).all()) and min(std, default=0) >= 0, "a number of it is out of range")
     _need(set(base) <= set(columns), "its 'regrouping' has parameters that are not among its 'columns'")
-    _check_covariance(np.array(covariance, float), [columns.index(name) for name in base])
+    own = [columns.index(name) for name in base]
+    _need(all(std[k] > 1 / LARGE for k in own), "its 'std_setup' has a deviation that is not positive")
+    _check_covariance(np.array(covariance, float), own)
     for channel, entry in content["held_out"].items():
         _need(fits(entry.get("ratio"), float | None), f"its 'held_out' has no number for '{channel}'")
     for entry in content["setup"]:

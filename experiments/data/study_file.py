@@ -97,9 +97,9 @@ class StudyModel:
     def __post_init__(self) -> None:
         if not self.estimators or self.estimators[0] == "trajectory":
             raise InputError("needs estimators with ordinary or weighted first, which the summary is of.")
-        for several in (self.ignore, self.estimators):
+        for name, several in (("ignore", self.ignore), ("estimators", self.estimators)):
             if len(set(several)) < len(several):
-                raise InputError(f"needs lists of different entries, got {' '.join(several)}.")
+                raise InputError(f"needs different {name}, got {', '.join(several)}.")
 
 
 @dataclass(frozen=True)

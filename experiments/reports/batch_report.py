@@ -17,7 +17,7 @@ from experiments.document.writer import sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
-from ident.judgement.finding import title_of
+from ident.judgement.finding import number_of, title_of
 from ident.judgement.verdict import Outcome as Verdict
 from ident.tolerances import INTERVAL
 
@@ -114,10 +114,11 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
 
 
 def picture(outcomes: Sequence[LogOutcome], agreed: LogAgreement) -> str:
-    """Picture of the parameters of each log less those of the others, of the logs that differ most."""
-    shown = np.sort(np.argsort(-agreed.chi2, kind="stable")[:SHOWN])
-    names = pictures.labels_of([Path(outcomes[k].log).name for k in shown])
-    rows = {f"{k + 1}: {name}": agreed.z[k] / INTERVAL for k, name in zip(shown.tolist(), names, strict=True)}
+    """Picture of the parameters of each log less those of the others, of the logs that differ most, by their rows."""
+    fitted = [(number, Path(each.log).name) for number, each in enumerate(outcomes, start=1) if not each.error]
+    shown = np.sort(np.argsort(-agreed.chi2, kind="stable")[:SHOWN]).tolist()
+    names = pictures.labels_of([fitted[k][1] for k in shown])
+    rows = {f"{fitted[k][0]}: {name}": agreed.z[k] / INTERVAL for k, name in zip(shown, names, strict=True)}
     return pictures.coverage(rows, "parameters less those of other logs")
 
 
@@ -174,15 +175,15 @@ def document(
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
     counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
-    count = f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed."
+    count = f"{number_of(len(outcomes), 'log')}: {', '.join(counts)}, {len(failed)} failed."
     outcome = "not" if doubt else "usable" if all(each.verdict == "usable" for each in outcomes) else "partly"
     headline = None if agreed is None else Headline("Differ" if doubt else "Agree", count, outcome)
     differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
     return Document(
-        f"{model.name}, identified from each of {len(outcomes)} logs",
+        f"{model.name}, identified from each of {number_of(len(outcomes), 'log')}",
         headline=headline,
-        pictures=[] if agreed is None else [picture(fitted, agreed)],
+        pictures=[] if agreed is None else [picture(outcomes, agreed)],
         findings=[
             *([Card("Logs differ", sentence, True)] if doubt else []),
             *(

@@ -121,7 +121,8 @@ def headline(pairs: Sequence[Difference]) -> Headline:
     """Headline of the results that differ most."""
     each = [relation(pair) for pair in pairs]
     word = next(word for word in RELATIONS if word in each)
-    of = title(pairs[0]) if len(pairs) == 1 else f"{each.count(word)} of {len(pairs)} results {word.lower()}"
+    count = f"{each.count(word)} of {len(pairs)} results beside '{pairs[0].first.name}' {word.lower()}"
+    of = title(pairs[0]) if len(pairs) == 1 else count
     return Headline(word, f"{of}{RELATIONS[word][0]}.", RELATIONS[word][1])
 
 
@@ -172,12 +173,16 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
     }
     agreements = {pair: f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair) for pair in pairs}
     texts = map(wrapped, agreements.values())
-    independent = [pair for pair in pairs if not pair.shared]
-    rows = {each.second.name: each.comparison.difference / (INTERVAL * each.std_setup) for each in independent}
+    labels = pictures.labels_of([pair.second.name for pair in pairs])
+    rows = {
+        f"{number}: {label}": pair.comparison.z / INTERVAL
+        for number, (label, pair) in enumerate(zip(labels, pairs, strict=True), start=2)
+        if not pair.shared
+    }
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
         headline=headline(pairs),
-        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}")] if rows else [],
+        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}, noise alone")] if rows else [],
         findings=[Card(title(pair), text, True) for pair, text in agreements.items() if relation(pair) != "Agree"],
         lines=[
             *(text for pair, text in agreements.items() if relation(pair) == "Agree"),

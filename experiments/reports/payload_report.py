@@ -109,9 +109,7 @@ class PayloadReport:
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
-            "sensor": {
-                each.name: dict(zip(each._fields[:4], each[:4], strict=True)) for each in payload.sensor_parameters
-            },
+            "sensor": {each.name: each.to_dict() for each in payload.sensor_parameters},
             "estimate": payload.estimate.to_dict(),
         }
 

@@ -136,6 +136,11 @@ def problem(
     rest = rest_coordinates(model, base)
     resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}
     locked = mechanism.fixed(resting).closed(depending, moving)
+    if held := [joint for joint in moving or joints if joint not in locked.tree.joints]:
+        raise ModelError(
+            f"Joint '{held[0]}' cannot be excited: loops hold it while {', '.join(resting) or 'no other joint'} rests. "
+            "Name other joints with --joints, or leave constraints out with --ignore."
+        )
     gravity = mechanism.gravity
     if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))

@@ -77,8 +77,10 @@ def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
             return value
         if abs(value) < HUGE:
             return float(value)
-    if args and is_dataclass(args[-1 if origin is Mapping else 0]):
-        words = words or f"a {'table' if origin is Mapping else 'list'} of tables"
+    if origin is Mapping:
+        words = words or ("a table of tables" if is_dataclass(args[1]) else "a table of entries")
+    elif args and (is_dataclass(args[0]) or get_origin(args[0]) is Mapping):
+        words = words or "a list of tables"
     needed = words or WORDS.get(hint) or in_words(hint)
     raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {short(value)}.")
 

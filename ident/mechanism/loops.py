@@ -35,7 +35,7 @@ class Constraints:
     def dependent(self, tree: "Tree", lacking: Collection[str] = (), driven: Collection[str] = ()) -> tuple[str, ...]:
         """Names of the joints that the others determine: first those without a column, then those without a drive.
 
-        Of the latter, joints that the model makes polynomials of others are first.
+        Of the latter, balls and joints that the model makes polynomials of others are first.
 
         Args:
             tree: The tree, without a closure.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,6 +75,10 @@ class SensorParameter(NamedTuple):
     std: float
     taken_out: bool
     setup: SetupParameter | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For scripts, in JSON's types."""
+        return {"name": self.name, "value": self.value, "std": self.std, "taken_out": self.taken_out}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

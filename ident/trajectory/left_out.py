@@ -8,6 +8,7 @@ P_k and g_k are the precision and the right side of piece k at the estimate θ, 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,7 +69,8 @@ def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.nd
         least: Slack above which samples are left out (C,).
     """
     names = measurement.equations.channels
-    scales = channel_scales([piece.signal[:, : len(names)] for piece in fit.pieces], names)
+    own = zip(fit.pieces, fit.selections, strict=True)
+    scales = channel_scales([_signal(measurement, piece, fit.theta[at])[:, : len(names)] for piece, at in own], names)
     try:
         thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
     except ExcitationError:
@@ -87,6 +89,16 @@ def clearly_less(usual: np.ndarray, others: np.ndarray, margin: float = CLEARLY)
     """True if another fit's errors are smaller than the usual one's by a margin, from `prediction_errors` (C,)."""
     explained = (usual < 1) | (others < 1)
     return bool(explained.any() and np.log(others[explained]).mean() < np.log(usual[explained]).mean() - margin)
+
+
+def _signal(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
+    """Channels of a piece without the contacts' part: where nothing else carries, their sum is zero (M, C)."""
+    if not measurement.contacts:
+        return piece.signal
+    motion = motion_alone(piece, measurement, theta, SMOOTHING[0]).evaluate
+    alone = replace(piece, wrenches=np.zeros_like(piece.wrenches))
+    loaded, free = (predicted(measurement, each, motion, theta) for each in (piece, alone))
+    return piece.signal + free - loaded
 
 
 def _squares(

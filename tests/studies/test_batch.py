@@ -72,7 +72,7 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
     assert not list((folder / "out" / "run0").glob("*.pdf"))
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
-    assert '<p class="verdict partly">' in page and "1: run0.csv" in page and "2: run1.csv" in page
+    assert '<p class="verdict partly">' in page and "1: run0.csv" in page and "3: run1.csv" in page
     table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")
     assert "Fc(bend),,2," in table and "m3rx3,fore,2," in table
     assert (folder / "out" / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out
@@ -337,6 +337,7 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
         and f" from the others: {names}. χ² is " in sentence
     )
     assert "most in m2rz2 of shank by +" in sentence and "identify these logs apart" in sentence
+    assert all(f"{k + 2}: run{k}.csv" in document.pictures[0] for k in moved)
     table = document.tables["table_logs"].csv().splitlines()
     assert [("m2rz2 of shank by +" in row) for row in table[2:]] == agreed.differ.tolist()
     numbers = document.numbers["batch"]["agreement"]["logs"]

@@ -93,10 +93,18 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     output = capsys.readouterr().out
     assert "'a' and 'b' share logs: their difference has no interval." in output
     assert "of a less those of b, SI units\n" in output
-    assert "✕ Differ. 1 of 2 results differ by more than noise." in output
+    assert "✕ Differ. 1 of 2 results beside 'a' differ by more than noise." in output
     assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
     assert not (tmp_path / "out" / "figure_differences_2.svg").exists()
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
+
+
+def test_results_whose_deviations_are_zero_are_refused(tmp_path, capsys):
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "ab"]
+    for file in (folder / "estimate.json" for folder in folders):
+        file.write_text(json.dumps({**json.loads(file.read_text()), "std_setup": [0.0, 0.2, 0.2, 0.2]}))
+    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
+    assert "its 'std_setup' has a deviation that is not positive" in said
 
 
 def test_parameters_that_mean_something_else_are_not_compared(tmp_path):

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refusal
-from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, by_mujoco
+from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, SPATIAL, by_mujoco
 
 import sim
 from experiments import excite
@@ -83,6 +83,7 @@ def test_collisions_of_dependent_bodies_count():
         (FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"), ["rod"], "Joint 'rod' cannot be excited: loops make it "
          "depend on crank. Name crank with --joints."),
         (FOUR_BAR, ["crank", "rocker"], "cannot be excited: loops make it depend on"),
+        (SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'), ["crank"], "loops hold it while rod rests. Name"),
         (ROD_ON_BALLS, ["hip", "knee", "crank"], "bodies on ball joints that loops move, as 'rod', are not "
          "computed. Design the motion with --collisions ignore."),
     ],
