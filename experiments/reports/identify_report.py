@@ -45,6 +45,9 @@ four legs of twelve joints 50."""
 NOTHING = 1e-9
 """Size of a model's parameter over its standard deviation up to which it is zero but for rounding."""
 
+FAR = 3.0
+"""Distance from zero, in standard deviations, of an estimate whose relative standard deviation is shown."""
+
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
 
@@ -58,12 +61,13 @@ def parameters_table(result: Estimate) -> tabular.Table:
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.fit.names) - base.rank)]
     lagging, footnote = _of_servos(result)
     wider = np.sqrt(np.diag(result.covariance_setup))
+    far = abs(fit.values) > FAR * wider
     columns = {
         "parameter": result.fit.names,
         "estimate": fit.values.tolist(),
         "std": fit.std.tolist(),
         "std_setup": wider.tolist(),
-        "relative": [_relative(*each) for each in zip(fit.values, wider, strict=True)],
+        "relative": np.divide(100 * wider, abs(fit.values), where=far, out=np.full(len(wider), np.nan)),
         "model": priors,
         "regrouping": regroupings,
     }
@@ -76,10 +80,11 @@ def parameters_table(result: Estimate) -> tabular.Table:
         caption="Identified base parameters beside the model's own",
         notes=(
             "S.d.: of noise alone; s.d. setup: with the uncertainty of the set-up.",
-            "Relative: s.d. over the estimate, or its absolute value where the estimate is not far from zero.",
+            "Relative: s.d. setup over the estimate, empty where the estimate is not far from zero.",
         ),
         deviations={"estimate": "std_setup"},
-        digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider)},
+        heads={"relative": "relative (%)"},
+        digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider), "relative": [1] * len(wider)},
         marked=lagging,
         footnote=footnote,
         regrouped=Regrouped({"": base.expressions(digits=4)}),
@@ -114,11 +119,6 @@ def _size(value: float | None) -> float | None:
 def _units(result: Estimate) -> tuple[str, ...]:
     """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
     return tuple(coefficient_unit(name, result.prepared.mechanism.tree) for name in result.fit.names)
-
-
-def _relative(value: float, std: float) -> str:
-    """Relative standard deviation, or the absolute one if the estimate is within three of zero."""
-    return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
 def quality_table(result: Estimate) -> tabular.Table:
