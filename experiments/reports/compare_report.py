@@ -88,7 +88,10 @@ def prediction_table(results: Sequence[Result]) -> tabular.Table:
     ]
     columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
     part = "held-out" if all(result.estimate.get("part", "held-out") == "held-out" for result in results) else "judged"
-    return tabular.Table(f"Residual over signal of each result's {part} part", *tabular.columns(**columns))
+    note = "Signals are as measured or filtered, as the estimator uses them: compare results of one estimator."
+    return tabular.Table(
+        f"Residual over signal of each result's {part} part", *tabular.columns(**columns), notes=(note,)
+    )
 
 
 def setup_table(results: Sequence[Result]) -> tabular.Table:
