@@ -22,7 +22,6 @@ from ident.problem import Problem
 from ident.regression.conventional import FilteredLeastSquares, filtered_least_squares
 from ident.regression.held_out import LEAST_SQUARES, MODEL
 from ident.setup import PRIORS
-from ident.trajectory.alternatives import or_model
 from ident.trajectory.corrected import as_fit
 from ident.trajectory.fit.precision import UNDETERMINED
 from ident.trajectory.result import TrajectoryEstimate
@@ -58,14 +57,12 @@ def trajectory(problem: Problem) -> Estimate:
         report=problem.report,
     )
     result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
-    if result.known:
-        result = or_model(result)
     rms = disagreement(result)
     wider = widening(rms)
     predictions = Predictions(problem, result)
     first = predictions.logs[0].equations(result)
     values = [result.fit.theta]
-    if problem.leaves_out and not result.kept:
+    if problem.leaves_out:
         values = [without(result, k) for k in range(len(problem.fitted))]
     own = predictions.of(Candidate(first, np.stack(values)[:, : len(first.names)]), result)
     usual = float(np.median(own.constants))

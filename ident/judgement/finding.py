@@ -133,7 +133,6 @@ TITLES = {
     "body_not_carried": "a body that was not carried",
     "channels_late": "channels late against others",
     "own_in_logs": "friction or offsets differ between logs",
-    "model_kept": "the model predicts as well: kept",
     "prior_beside_data": "the model's bodies were a prior, needlessly",
     "prior_needed": "the model's bodies served as a prior",
     "joint_noise_not_included": "noise of joints is not included",

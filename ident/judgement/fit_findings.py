@@ -82,10 +82,9 @@ def own_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on a prior that was used: on the need for it, or that its values are kept."""
+    """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
-        needed = "model_kept" if evidence.trajectory.kept else "prior_needed"
-        yield Finding.of("prior_beside_data" if needed == "prior_needed" and _separated(evidence) else needed)
+        yield Finding.of("prior_beside_data" if _separated(evidence) else "prior_needed")
 
 
 def _separated(evidence: Evidence) -> bool:
@@ -243,10 +242,6 @@ FINDINGS.update(
     ),
     logs_disagree=judged(_logs_disagree),
     own_in_logs=remark(_own_in_logs),
-    model_kept=remark(
-        "The model predicts left-out pieces better than the estimate: its bodies and drives are kept. "
-        "Intervals about them have the widths of the estimate's. Move further and faster to test the model."
-    ),
     prior_beside_data=remark(
         "The model's bodies served as a prior, though the recordings determine all base parameters without it."
     ),

@@ -183,7 +183,8 @@ def _solved(fit: TrajectoryFit) -> tuple[TrajectoryFit, float]:
     """The fit, stated about zero, with its free parameters where the right side vanishes, and the change of cost."""
     free, theta = fit.free, np.zeros(len(fit.names))
     theta[free] = inverse_of_precision(fit.precision[np.ix_(free, free)], fit.names) @ fit.gradient[free]
-    return fit.at(theta), -float(fit.gradient @ theta)
+    shares = [(P, g - P @ theta) for P, g in fit.shares]
+    return replace(fit, theta=theta, shares=shares), -float(fit.gradient @ theta)
 
 
 def _scales(estimate: TrajectoryEstimate) -> np.ndarray:

@@ -15,18 +15,13 @@ from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.piece import Piece, predicted
-from ident.trajectory.fit.precision import embedded, inverse_of_precision
+from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.fit.restricted_likelihood import TINIEST
-from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors, without
+from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 
 CORRELATED = 0.15
 """Autocorrelation of a residual at lag one above which denser knots, or correlated noise, are tried."""
-
-CONTRADICTED = 2.0
-"""Root mean square z of the estimate from the model, by the noise, above which the data contradict the model. True
-models of persons without noise have 1.1 and 1.3, of a noisy arm .7 to 1.2. Of 12 arms of 5 and 10 % wrong masses that
-predict left-out pieces better 10 have more: with these kept, the rest is predicted up to 11 times worse."""
 
 
 def better(
@@ -54,40 +49,6 @@ def better(
     return replace(both[clearly_less(errors[0], errors[1], margin)], errors={**usual.errors, name: errors})
 
 
-def or_model(estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-    """The estimate, or one with the model's bodies and drives if these predict left-out pieces clearly better.
-
-    They also have to agree with the data: without the other condition few samples would be predicted from fewer ones,
-    without this one a channel that the model predicts badly would count little. Offsets and set-up are those that the
-    linear equations give with the model; trajectories, noise and covariance, that of prior and data, are the
-    estimate's. Its intervals about the model's values are no posterior: their error was only tested, to
-    `CONTRADICTED`.
-    """
-    fit, model = estimate.fit, estimate.measurement.equations.from_model
-    theta, free = fit.theta.copy(), fit.free.copy()
-    for own in fit.selections:
-        theta[own[: len(model)]], free[own[: len(model)]] = model, False
-    by, noise = inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)]), sum(fit.scatter_shares, np.zeros(()))
-    moved, bodies = embedded(by @ noise[np.ix_(fit.free, fit.free)] @ by, fit.free), fit.free & ~free
-    chi2, rank = _chi2((fit.theta - theta)[bodies], moved[np.ix_(bodies, bodies)])
-    if chi2 > CONTRADICTED**2 * rank:
-        return estimate
-    held = replace(fit.at(theta), free=free)
-    tried = better(estimate, "the model's bodies and drives", lambda: estimate.with_fit(held))
-    if tried.fit is fit:
-        return tried
-    kept = fit.unbound.at(without(held, slice(0))[0])
-    return replace(tried.with_fit(replace(kept, bounded=None)), kept=True)
-
-
-def _chi2(x: np.ndarray, covariance: np.ndarray) -> tuple[float, int]:
-    """Squared Mahalanobis distance of x (k,), and the rank of its covariance (k, k)."""
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, axes = np.linalg.eigh(covariance / np.outer(size, size))
-    seen = values > 1e-9 * values[-1]
-    return float(((axes.T @ (x / size))[seen] ** 2 / values[seen]).sum()), int(seen.sum())
-
-
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
     """True if some parameters, by their indices, would differ significantly between the recordings (score test).
 
@@ -110,8 +71,11 @@ def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
         alone[own, own] = H[np.ix_(mine, mine)]
     score = np.concatenate([g[mine] for _, g in every])
     S = alone - across.T @ inverse_of_precision(fit.precision[np.ix_(free, free)]) @ across
-    chi2, rank = _chi2(score, S)
-    return chi2 > special.chdtri(rank, SIGNIFICANT)
+    size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+    values, axes = np.linalg.eigh(S / np.outer(size, size))
+    seen = values > 1e-9 * values[-1]
+    z = (axes.T @ (score / size))[seen] / np.sqrt(values[seen])
+    return bool((z**2).sum() > special.chdtri(seen.sum(), SIGNIFICANT))
 
 
 def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:

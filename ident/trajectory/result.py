@@ -35,7 +35,6 @@ class TrajectoryEstimate:
         counts: Number of pieces of each recording.
         steps: Largest knot spacing of each recording, s.
         known: True if a prior of the model's parameters was used.
-        kept: True if bodies and drives are the model's, which predict left-out pieces clearly better.
         coloured: True if the fit's weights assume noise correlated over time.
         reversals: Slack of the torques at low velocity, None if no joint has friction.
         errors: Root mean squared errors of left-out pieces relative to their signals, without and with each alternative
@@ -49,7 +48,6 @@ class TrajectoryEstimate:
     steps: tuple[float, ...]
     known: bool
     coloured: bool = False
-    kept: bool = False
     reversals: Reversals | None = None
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     setup: Mapping[int, SetupParameter] = field(default_factory=dict)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import driven_arm
 import numpy as np
+import persons
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
@@ -18,7 +19,7 @@ from ident.parameters.prior import known_covariance
 from ident.trajectory.corrected import _root_of_inverse
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
-from ident.trajectory.left_out import clearly_better, clearly_less, gains, without
+from ident.trajectory.left_out import clearly_better, clearly_less, gains, prediction_errors, without
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
@@ -203,3 +204,10 @@ def test_white_weights_are_kept_unless_others_predict_clearly_better():
     assert not clearly_less(white, np.array([0.2, 0.295, 1.0]))
     assert clearly_less(white, np.array([0.15, 0.3, 1.0]))
     assert not clearly_less(np.ones(2), np.ones(2))
+
+
+def test_left_out_pieces_of_somebody_on_plates_alone_have_the_size_of_what_the_plates_carry():
+    """Nothing else carries, so that the sum of all wrenches is zero."""
+    estimate = persons.briefly().estimate.trajectory
+    errors = prediction_errors(estimate.measurement, estimate.fit, np.full(6, np.inf))
+    assert (errors < 0.5).any()

@@ -160,10 +160,6 @@ class TrajectoryFit:
         names = [name for name, one in zip(self.names, taken, strict=True) if one]
         return embedded(sandwich(self.precision[own], self.scatter[own], names), taken)
 
-    def at(self, theta: np.ndarray) -> "TrajectoryFit":
-        """Fit about other parameters (p,): its linear equations, and with them the covariance, are the same."""
-        return replace(self, theta=theta, shares=[(P, g - P @ (theta - self.theta)) for P, g in self.shares])
-
     def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Steps of θ in directions that were not fitted, with the others refitted, and their standard deviations.
 
