@@ -156,6 +156,10 @@ class Measurement:
         every = np.arange(program.results)
         return self._run(program, (states, wrenches, theta), every, every, program.results)
 
+    def of_contacts(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Contribution of the contacts to the channels (C, M), arguments as for `values`."""
+        return self.values(states, wrenches, theta) - self.values(states, np.zeros_like(wrenches), theta)
+
     def derivatives(
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -150,8 +150,7 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
     own = len(measurement.equations.channels)
     measured = piece.measured[:, :own]
     if measurement.contacts:
-        without = measurement.values(states, np.zeros_like(piece.wrenches), theta)
-        measured = measured + (without - measurement.values(states, piece.wrenches, theta))[:own].T
+        measured = measured - measurement.of_contacts(states, piece.wrenches, theta)[:own].T
     if (servos := measurement.equations.servos) is not None:
         motion, which = measurement.motion(states), list(measurement.equations.torques)
         lengths = measurement.encoders(motion.q, theta)[:, which]

@@ -8,7 +8,6 @@ P_k and g_k are the precision and the right side of piece k at the estimate θ, 
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -96,9 +95,7 @@ def _signal(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.nda
     if not measurement.contacts:
         return piece.signal
     motion = motion_alone(piece, measurement, theta, SMOOTHING[0]).evaluate
-    alone = replace(piece, wrenches=np.zeros_like(piece.wrenches))
-    loaded, free = (predicted(measurement, each, motion, theta) for each in (piece, alone))
-    return piece.signal + free - loaded
+    return piece.signal - predicted(measurement, piece, motion, theta, of_contacts=True)
 
 
 def _squares(

@@ -1,4 +1,4 @@
-"""What a model states besides its tree: names, fixed joints, sites, ranges and plausible units."""
+"""Names, fixed joints, sites, ranges and plausible units of a model, besides its tree."""
 
 import mujoco
 import numpy as np

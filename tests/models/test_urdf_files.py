@@ -1,4 +1,4 @@
-"""What URDF files name: meshes in their packages, joints that mimic others, and xacro files that describe them."""
+"""Meshes in packages and joints that mimic others in URDF files, and xacro files that describe these."""
 
 import os
 import sys

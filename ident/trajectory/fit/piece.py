@@ -168,7 +168,12 @@ def clocks(
 
 
 def predicted(
-    measurement: Measurement, piece: Piece, motion: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
+    measurement: Measurement,
+    piece: Piece,
+    motion: Callable[[np.ndarray], np.ndarray],
+    theta: np.ndarray,
+    *,
+    of_contacts: bool = False,
 ) -> np.ndarray:
     """Predicted channels of a piece at a motion (M, C).
 
@@ -177,9 +182,8 @@ def predicted(
         piece: Measured samples.
         motion: Coordinates and at least their first two derivatives as a function of time (3, M, n).
         theta: Parameters (p,).
+        of_contacts: True for the contribution of the contacts alone.
     """
-    parts = [
-        measurement.values(motion(when)[:3], piece.wrenches, theta)[own]
-        for own, when in clocks(measurement, piece, theta)
-    ]
+    values = measurement.of_contacts if of_contacts else measurement.values
+    parts = [values(motion(when)[:3], piece.wrenches, theta)[own] for own, when in clocks(measurement, piece, theta)]
     return np.concatenate(parts).T
