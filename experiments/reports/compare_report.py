@@ -185,7 +185,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
         headline=headline(pairs),
-        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}, noise alone")] if rows else [],
+        pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}")] if rows else [],
         findings=[Card(title(pair), text, True) for pair, text in agreements.items() if relation(pair) != "Agree"],
         lines=[
             *(text for pair, text in agreements.items() if relation(pair) == "Agree"),
