@@ -28,6 +28,7 @@ from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.positive_drives import with_positive
+from ident.trajectory.fit.repeats import period, repetition
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.physical import physical_fit
@@ -260,11 +261,23 @@ class Stages:
         def with_prior() -> TrajectoryEstimate:
             return self.refitted(self.carried(estimate), rounds=EXPLORED)
 
-        if len(fit.pieces) < 2:
+        if len(fit.pieces) < 2 or self._repeats(estimate):
             return with_prior()
         chosen = better(estimate, "prior", with_prior, WORTH_A_PRIOR)
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
+
+    def _repeats(self, estimate: TrajectoryEstimate) -> bool:
+        """True if pieces repeat motions and what is left of them, so that each predicts the others' errors as well."""
+        fit, counts = estimate.fit, list[np.ndarray]()
+        places = [
+            (piece, residual(self.measurement, piece, c, fit.theta[own]))
+            for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True)
+        ]
+        for log, noise in enumerate(fit.noises):
+            own, left = zip(*(place for place in places if place[0].log == log), strict=True)
+            counts.append(repetition([piece.when for piece in own], left, period(own, noise.states)))
+        return float(np.median(counts)) > OVERRATED
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""

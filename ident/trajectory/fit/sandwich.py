@@ -1,12 +1,12 @@
 """Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
-    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (W R)ᵀ Γ (W R)
+    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ c (W R)ᵀ Γ (W R)
 
 P is the precision of θ, W the weights of the working model, R the rows of θ and M what the smoothness takes of the
-motion (`ident.trajectory.fit.response`), and Γ
-the covariance of the noise estimated independently of the weights (`ident.trajectory.fit.noise_colours`). Working
-weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986,
-doi:10.1093/biomet/73.1.13).
+motion (`ident.trajectory.fit.response`), Γ the covariance of the noise estimated independently of the weights
+(`ident.trajectory.fit.noise_colours`), and c one unless motions and residuals repeat (`ident.trajectory.fit.repeats`).
+Working weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73,
+1986, doi:10.1093/biomet/73.1.13).
 """
 
 from collections import defaultdict
@@ -21,6 +21,7 @@ from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.repeats import repetitions
 
 
 def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
@@ -33,7 +34,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
             others by numbers of samples.
     """
     responses = some_responses(measurement, fit)
-    colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
+    colours, repeated, scatters, tails = noise_colours(fit, responses), repetitions(fit, responses), [], _Tails()
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
@@ -41,6 +42,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
         for which, stream in enumerate(here.streams):
+            variances = repeated[fit.pieces[k].log][which] * stream.std**2
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:
@@ -48,7 +50,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
                     scatter += loose.T @ loose
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
-                    halves[:, at] = stream.std[s] ** 2 * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    halves[:, at] = variances[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])

@@ -35,12 +35,12 @@ def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
 
 
 def piece(start, *, samples=50, origin=0.0):
-    return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin)
+    return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin, log=0)
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
 def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
-    """For unit white weights: `Mᵀ λP M + Rᵀ Γ R`, over two adjacent pieces as over one."""
+    """For unit white weights: `Mᵀ λP M + c Rᵀ Γ R` with repetition c, over two adjacent pieces as over one."""
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
     streams = [SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP)]
     places = iter(rows)
@@ -51,6 +51,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
+    monkeypatch.setattr(sandwich, "repetitions", lambda fit, responses: [[np.array([3.0])]])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
@@ -58,7 +59,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
     every = np.concatenate(rows)[:, 0]
     parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
-    expected = 2 * of_motion + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    expected = 2 * of_motion + 3 * 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
 

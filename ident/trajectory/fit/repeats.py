@@ -1,0 +1,115 @@
+"""Motions that a recording repeats. What no model explains repeats with them, so that it is counted once.
+
+    D(T) = <(q(t + T) - q(t))²> / (2 var q)        small for every joint that moves: q repeats after T
+
+If residuals repeat as well, with correlation r one period apart, the sum of n periods' scores has the variance
+
+    n σ² (1 + (n - 1) r)
+
+instead of n σ²: n periods tell little more than one.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import correlate
+
+from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.response import Response
+
+SAME, OTHER = 0.01, 0.25
+"""D of every joint below which a motion repeats, its noise aside, and mean D that it has between, so that a period is
+no short time: the trials of a surgical arm have 1e-5 after 6.48 s, a UR10's at least .3."""
+
+RESTS = 0.1
+"""Variance of a joint's noise over that of its motion above which it does not count as moving."""
+
+FEWEST = 0.25
+"""Least share of the samples that have a partner one period later."""
+
+
+def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[list[np.ndarray]]:
+    """Repetition of every recording's streams, as `repetition` has it, (s,) each.
+
+    Args:
+        fit: The fit.
+        responses: Linear responses of some of its pieces, by index.
+    """
+    out = list[list[np.ndarray]]()
+    for log, noise in enumerate(fit.noises):
+        own = [here for k, here in responses.items() if fit.pieces[k].log == log]
+        T = period([piece for piece in fit.pieces if piece.log == log], noise.states)
+        streams = zip(*(here.streams for here in own), strict=True)
+        out.append(
+            [
+                repetition([x.time for x in each], [np.where(x.clear, x.residual, np.nan) for x in each], T)
+                for each in streams
+            ]
+        )
+    return out
+
+
+def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
+    """Time after which the measured coordinates of a recording repeat, s, infinite for none.
+
+    Args:
+        pieces: Pieces of the recording.
+        noise: Standard deviations of the coordinates (n,).
+    """
+    step, x = on_grid([piece.time for piece in pieces], [piece.states for piece in pieces])
+    there = np.isfinite(x)
+    spread = np.nanvar(x, axis=0)
+    moves = noise**2 < RESTS * spread
+    if not moves.any():
+        return np.inf
+    x, there, spread = x[:, moves], there[:, moves].astype(float), spread[moves]
+    x = np.where(there > 0, x - np.nanmean(x, axis=0), 0.0)
+    half = slice(len(x) - 1, len(x) - 1 + len(x) // 2)
+
+    def lagged(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        pairs = [correlate(*pair, method="fft")[half] for pair in zip(a.T, b.T, strict=True)]
+        return np.array(pairs).T
+
+    pairs = np.maximum(lagged(there, there), 1.0)
+    squares = lagged(x**2, there) + lagged(there, x**2) - 2 * lagged(x, x)
+    apart = np.where(
+        pairs > FEWEST * there.sum(axis=0), squares / (2 * spread * pairs) - noise[moves] ** 2 / spread, np.inf
+    )
+    same = apart.max(axis=1) < SAME
+    same &= np.logical_or.accumulate(apart.mean(axis=1) > OTHER)
+    if not same.any():
+        return np.inf
+    first = int(np.argmax(same))
+    run = first + int(np.argmin(np.append(same[first:], False)))
+    return step * (first + int(np.argmin(apart.max(axis=1)[first:run])))
+
+
+def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Step of samples, s, and their values at equal steps, NaN between pieces (N, c)."""
+    step = float(np.median(np.concatenate([np.diff(time) for time in times])))
+    first = min(time[0] for time in times)
+    at = [np.round((time - first) / step).astype(int) for time in times]
+    out = np.full((max(own[-1] for own in at) + 1, values[0].shape[1]), np.nan)
+    for own, each in zip(at, values, strict=True):
+        out[own] = each
+    return step, out
+
+
+def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], period: float) -> np.ndarray:
+    """Variance of the sum of residuals over that of independent periods, at least one (c,).
+
+    Args:
+        times: Times of samples, s (N,) each.
+        residuals: Residuals, NaN where there is none (N, c) each.
+        period: Period of the motion, s, infinite for none.
+    """
+    if period == np.inf:
+        return np.ones(residuals[0].shape[1])
+    step, e = on_grid(times, residuals)
+    number, products = len(e) * step / period, np.zeros((2, e.shape[1]))
+    for lag in np.round(np.arange(1, number) * period / step).astype(int):
+        later, earlier = e[lag:], e[: len(e) - lag]
+        products += np.nansum([later * earlier, (later**2 + earlier**2) / 2 + 0 * later * earlier], axis=1)
+    r = products[0] / np.maximum(products[1], 1e-300)
+    return np.asarray(1 + (number - 1) * np.maximum(r, 0))

@@ -1,0 +1,87 @@
+"""Motions that repeat: the period, and residuals that repeat with it, which count once."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import driven_arm as arm
+import numpy as np
+import pytest
+
+import ident
+from ident.trajectory.fit.repeats import period, repetition
+
+PERIOD = 1 / 0.15
+"""Period of the arm's sums of sinusoids, s."""
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def motion(rng, seconds, *multiples, noise=0.0, step=0.01):
+    """A piece whose joints follow sums of sinusoids of multiples of .3 Hz, and one of which rests."""
+    t = step * np.arange(round(seconds / step))
+    waves = [np.sin(2 * np.pi * 0.3 * k * t + rng.uniform(0, 6)) for k in multiples]
+    q = np.array([np.sum(waves, axis=0), waves[0] - waves[-1], np.zeros(len(t))]).T
+    return SimpleNamespace(time=t, states=q + noise * rng.normal(size=q.shape))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("multiples", "expected"), [((1, 2, 3), 1 / 0.3), ((2, 3, 4.5), 2 / 0.3), ((1, 2**0.5, 3), np.inf)]
+)
+def test_period_of_a_motion(rng, multiples, expected, noise):
+    piece = motion(rng, 30.0, *multiples, noise=noise)
+    assert period([piece], np.full(3, noise)) == pytest.approx(expected, abs=0.011)
+
+
+def test_a_motion_repeats_across_pieces_and_gaps(rng):
+    whole = motion(rng, 30.0, 1, 2, 3)
+    pieces = [SimpleNamespace(time=whole.time[k], states=whole.states[k]) for k in (slice(0, 900), slice(1100, 3000))]
+    assert period(pieces, np.zeros(3)) == pytest.approx(1 / 0.3, abs=0.011)
+
+
+def test_less_than_two_periods_are_none(rng):
+    assert period([motion(rng, 6.0, 1, 2, 3)], np.zeros(3)) == np.inf
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_variance_of_sums_of_residuals_that_repeat(rng, share):
+    """Against sums over draws: a column that repeats, times residuals of which a share repeats."""
+    periods, number = 5, 200
+    column, t = np.tile(rng.normal(size=number), periods), 0.01 * np.arange(periods * number)
+    same = np.tile(rng.normal(size=(400, number)), (1, periods))
+    e = np.sqrt(share) * same + np.sqrt(1 - share) * rng.normal(size=same.shape)
+    counted = np.mean((e @ column) ** 2) / (column @ column)
+    factors = repetition([t], [e.T], 0.01 * number)
+    assert factors.mean() == pytest.approx(counted, rel=0.25)
+    assert factors.mean() == pytest.approx(1 + share * (periods - 1), abs=0.15)
+    assert (repetition([t], [e.T], np.inf) == 1).all()
+
+
+@cache
+def estimated(periods, size, known=False):
+    """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause."""
+    rng = np.random.default_rng(3)
+    t, *states = arm.motion(rng, periods * PERIOD, 50.0)
+    torque = arm.torques(*states) + np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / 0.003)
+    waves = 2 * np.pi / PERIOD * np.outer(t, np.arange(1, 21))
+    torque += size * np.einsum(
+        "tkw,jkw->tj", np.stack([np.sin(waves), np.cos(waves)], axis=1), rng.normal(size=(3, 2, 20))
+    )
+    noise = np.random.default_rng(4).normal(size=(2, *torque.shape))
+    channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, (torque + 0.02 * noise[0]).T, strict=True)}
+    channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, (states[0] + 1e-4 * noise[1]).T, strict=True)}
+    return ident.identify(arm.mechanism(), ident.Recording(t, channels), known=known, holdout=0)
+
+
+@pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.65, 0.8), (0.02, 0.9, 1.5)])
+def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least, most):
+    few, many = (np.diag(estimated(periods, size).trajectory.fit.covariance)[:9] ** 0.5 for periods in (2.5, 5))
+    assert least < np.median(many / few) < most
+
+
+@pytest.mark.parametrize("size", [0.0, 0.02])
+def test_bodies_are_a_prior_where_pieces_repeat_their_errors(size):
+    assert estimated(5, size, None).trajectory.known == bool(size)
