@@ -247,8 +247,8 @@ class Stages:
     def preferred(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Exploring estimate of stages without a prior, or one with this prior if it predicts left-out pieces better.
 
-        Without pieces to leave out the prior is taken wherever it is more precise than the data, and where neither
-        predicts most channels, if it is far more precise.
+        Where pieces repeat each other, it has to predict them as well. Without pieces to leave out the prior is taken
+        wherever it is more precise than the data, and where neither predicts most channels, if it is far more precise.
         """
         fit = estimate.fit
         used = min(sum(len(piece.time) for piece in fit.pieces) / length(self.recordings), 1.0)
@@ -261,9 +261,10 @@ class Stages:
         def with_prior() -> TrajectoryEstimate:
             return self.refitted(self.carried(estimate), rounds=EXPLORED)
 
-        if len(fit.pieces) < 2 or self._repeats(estimate):
+        if len(fit.pieces) < 2:
             return with_prior()
-        chosen = better(estimate, "prior", with_prior, WORTH_A_PRIOR)
+        worth = -WORTH_A_PRIOR if self._repeats(estimate) else WORTH_A_PRIOR
+        chosen = better(estimate, "prior", with_prior, worth)
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
 

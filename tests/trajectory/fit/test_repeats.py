@@ -1,5 +1,6 @@
 """Motions that repeat: the period, and residuals that repeat with it, which count once."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -61,7 +62,7 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
 
 
 @cache
-def estimated(periods, size, known=False):
+def estimated(periods, size, known=False, heavier=1.0):
     """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause."""
     rng = np.random.default_rng(3)
     t, *states = arm.motion(rng, periods * PERIOD, 50.0)
@@ -73,7 +74,8 @@ def estimated(periods, size, known=False):
     noise = np.random.default_rng(4).normal(size=(2, *torque.shape))
     channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, (torque + 0.02 * noise[0]).T, strict=True)}
     channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, (states[0] + 1e-4 * noise[1]).T, strict=True)}
-    return ident.identify(arm.mechanism(), ident.Recording(t, channels), known=known, holdout=0)
+    model = replace(arm.mechanism(), prior=heavier * arm.mechanism().prior)
+    return ident.identify(model, ident.Recording(t, channels), known=known, holdout=0)
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.65, 0.8), (0.02, 0.9, 1.5)])
@@ -82,6 +84,6 @@ def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least
     assert least < np.median(many / few) < most
 
 
-@pytest.mark.parametrize("size", [0.0, 0.02])
-def test_bodies_are_a_prior_where_pieces_repeat_their_errors(size):
-    assert estimated(5, size, None).trajectory.known == bool(size)
+@pytest.mark.parametrize(("size", "heavier", "taken"), [(0.0, 1.0, False), (0.02, 1.0, True), (0.02, 2.5, False)])
+def test_bodies_are_a_prior_where_pieces_repeat_their_errors_unless_they_are_wrong(size, heavier, taken):
+    assert estimated(5, size, None, heavier).trajectory.known == taken
