@@ -8,7 +8,7 @@ import pytest
 from measurements import random_measurement
 
 from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
-from ident.judgement.finding import Place, place_of, sentence, setup_findings, short
+from ident.judgement.finding import Place, place_of, sentence, setup_findings
 from ident.recordings.columns.mapping import DEVIATIONS
 from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
@@ -101,7 +101,7 @@ def test_sentence_short_form_and_label_of_every_kind(key):
     for word, other in NEGATIVE.items():
         text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
     assert sentence(each, -0.03, 1e-4) == f"{text}{end}"
-    assert short(each) == few and each.text(each.row.label) == label
+    assert each.text(each.row.short) == few and each.text(each.row.label) == label
 
 
 @pytest.mark.parametrize(("link", "words"), [("hip", "farther from"), ("-hip", "nearer to")])

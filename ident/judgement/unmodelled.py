@@ -10,7 +10,7 @@ Both Y alone and with these columns are fitted to the fitted part by least squar
 angles alone; that of an estimate would already have taken up a part.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ import numpy as np
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
-from ident.judgement.finding import FINDINGS, Finding, Place, doubt, percent
+from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
@@ -193,22 +193,3 @@ def unmodelled_findings(evidence: Evidence) -> Iterator[Finding]:
         causes = [{"kind": each.kind, "body": each.body} for each in alike]
         place = Place(bodies=tuple(dict.fromkeys(each.body for each in alike)))
         yield Finding.of("unmodelled", place, causes=causes, ratio=clear[0].ratio)
-
-
-LACKS = {
-    "force": "a force on '{body}' that changes with its place (cable, spring)",
-    "length": "another distance of the joint of '{body}' from the body that carries it",
-}
-"""Words for the forces and lengths that a model may lack, by kind."""
-
-
-def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
-    first, *others = (LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
-    return (
-        "The model lacks something, which the parameters take up in part. "
-        f"The residual where it is judged would be {percent(1 - ratio)} smaller with {first}."
-        f"{''.join(f' Or it is {other}.' for other in others)} Add it to the model."
-    )
-
-
-FINDINGS.update(unmodelled=doubt(_unmodelled))

@@ -5,7 +5,7 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
 from scipy import signal
 
 from ident.estimation.equations import COMPONENTS
-from ident.judgement import diagnosis, residuals
+from ident.judgement import checks, residuals
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
@@ -22,7 +22,7 @@ def turned(wrench, R):
 
 
 def test_there_are_24_right_angled_rotations():
-    turns = diagnosis.right_angled_rotations()
+    turns = checks.right_angled_rotations()
     assert len(turns) == len({R.tobytes() for R in turns}) == 24
     np.testing.assert_array_equal(turns[0], np.eye(3))
     assert all(np.linalg.det(R) == 1 for R in turns)
@@ -31,9 +31,9 @@ def test_there_are_24_right_angled_rotations():
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("k", range(0, 24, 3))
 def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
-    R = diagnosis.right_angled_rotations()[k]
+    R = checks.right_angled_rotations()[k]
     noisy = WRENCH + RNG.normal(size=WRENCH.shape)
-    check = diagnosis.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
+    check = checks.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
     assert check.sign == sign
     np.testing.assert_array_equal(check.rotation, R)
     assert check.suspicious == (k > 0 or sign < 0)
@@ -45,7 +45,7 @@ def test_a_missing_contact_is_found(body):
     force = RNG.normal(size=(300, 3))
     poses = TREE.poses(STATES[0])[:, body] @ np.block([[np.eye(3), point[:, None]], [np.zeros(3), 1]])
     residual = transform_wrench(poses, np.hstack([force, np.zeros((300, 3))]))
-    check = diagnosis.check_contact(TREE, STATES[0], residual)
+    check = checks.check_contact(TREE, STATES[0], residual)
     assert check.body == TREE.names[body]
     np.testing.assert_allclose(check.point, point, atol=1e-9)
     assert check.explained > 1 - 1e-12
@@ -84,8 +84,8 @@ def test_one_component_of_the_opposite_sign_is_mirrored_and_all_of_them_are_an_o
     # Another arm than the model's, a sensor that is not tared, and noise.
     measured = 1.2 * predicted + np.array([2, -3, 0, 1, 1, -1]) + rng.normal(scale=0.5, size=predicted.shape)
     signs = 1 - 2 * (np.arange(6) == component)
-    check = diagnosis.check_frame(measured * signs, predicted, np.eye(3))
+    check = checks.check_frame(measured * signs, predicted, np.eye(3))
     assert check.mirrored == (COMPONENTS[component],) and not check.suspicious
     for whole in (np.ones(6), -np.ones(6), np.array([1, -1, -1, 1, -1, -1])):
-        check = diagnosis.check_frame(measured * whole, predicted, np.eye(3))
+        check = checks.check_frame(measured * whole, predicted, np.eye(3))
         assert not check.mirrored and check.suspicious == bool((whole < 0).any())

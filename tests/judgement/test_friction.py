@@ -84,8 +84,9 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
         reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
         measurement=SimpleNamespace(equations=equations),
     )
+    result.mechanism, result.bounded, result.logs = arm(), {}, ()
     result.at_rest = {"joint1": np.nan, "joint2": at_rest}
-    return list(torque_findings.reversal_findings(result))
+    return list(torque_findings.drive_findings(result))
 
 
 def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
@@ -99,6 +100,6 @@ def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
 
 def test_a_drive_at_its_bound_in_one_log_is_of_its_joint():
     result = estimate(0.0, 0.1)
-    result.mechanism, result.bounded = arm(), {"Fc(joint2) of log 2": (0.1, 0.05)}
-    (finding,) = torque_findings.bound_findings(result)
+    result.mechanism, result.trajectory, result.bounded = arm(), None, {"Fc(joint2) of log 2": (0.1, 0.05)}
+    (finding,) = torque_findings.drive_findings(result)
     assert finding.place.joints == ("joint2",) and finding.values["units"] == {"Fc(joint2) of log 2": "N m"}
