@@ -1,6 +1,6 @@
 """Checks of a fitted recording against the model: weight, signs, axes and frames of wrenches, contacts left out."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -13,14 +13,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import applied, coAd, hat, inverse
-from ident.judgement.model_fit import (
-    TIE,
-    DelayCheck,
-    GravityCheck,
-    delay_check,
-    recorded_gravity,
-    right_angled_rotations,
-)
+from ident.judgement import model_fit
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
@@ -148,12 +141,12 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
         turn = sign * linalg.block_diag(R, R)
         return _size((measured @ turn.T - predicted) / scale, np.abs(turn) @ known > 0)
 
-    straight, *right_angled = right_angled_rotations()
+    straight, *right_angled = model_fit.right_angled_rotations()
     simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
     turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
     # In a planar motion several fit; the simplest mistake is the likeliest.
-    best = next(k for k, each in enumerate(errors) if each <= max(TIE * min(errors), TINY))
+    best = next(k for k, each in enumerate(errors) if each <= max(model_fit.TIE * min(errors), TINY))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
 
@@ -274,16 +267,7 @@ def _least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 class NotCheckedError(Exception):
-    """A check that cannot be made.
-
-    Attributes:
-        reason: `no gravity`, `no force`, channels `not measured` or `not fitted`, or an `error`.
-        channels: Channels in which it would show.
-    """
-
-    def __init__(self, reason: str, channels: Iterable[str] = ()) -> None:
-        self.reason, self.channels = reason, tuple(channels)
-        super().__init__(reason)
+    """A check that cannot be made: `no gravity`, `no force`, or `not measured` or `not fitted` and these channels."""
 
 
 class Weight(NamedTuple):
@@ -314,9 +298,9 @@ class Checks(NamedTuple):
         torques: Checks of the joint torques, None where there are none.
     """
 
-    gravity: GravityCheck | None
+    gravity: model_fit.GravityCheck | None
     unchecked: Sequence[Mapping[str, Any]] = ()
-    delay: DelayCheck | None = None
+    delay: model_fit.DelayCheck | None = None
     frames: Mapping[str, FrameCheck] = MappingProxyType({})
     base: BaseCheck | None = None
     weight: Weight | None = None
@@ -332,7 +316,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         fit: What was fitted to a part of it.
         part: That part.
     """
-    gravity = recorded_gravity(prepared)
+    gravity = model_fit.recorded_gravity(prepared)
     if gravity is not None and gravity.suspicious:
         return Checks(gravity)
     residual = fit.residual(prepared.samples[prepared.taken(part)])
@@ -346,10 +330,11 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         try:
             results[name] = check()
         except NotCheckedError as error:
-            unchecked.append({"check": name, "reason": error.reason, "channels": error.channels, "error": ""})
+            reason, *channels = error.args
+            unchecked.append({"check": name, "reason": reason, "channels": tuple(channels), "error": ""})
         except (InputError, np.linalg.LinAlgError) as error:
             unchecked.append({"check": name, "reason": "error", "channels": (), "error": str(error)})
-    return Checks(gravity, unchecked, delay_check(prepared), *wrench_checks(prepared), **results)
+    return Checks(gravity, unchecked, model_fit.delay_check(prepared), *wrench_checks(prepared), **results)
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
@@ -400,7 +385,7 @@ def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
     most = np.abs(up).max(axis=0)
     missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 and not k]
     if missing:
-        raise NotCheckedError("not measured", missing)
+        raise NotCheckedError("not measured", *missing)
     return up, known
 
 
@@ -455,7 +440,7 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.any():
         return None
     if not known.all():
-        raise NotCheckedError("not fitted", np.array(COMPONENTS)[~known].tolist())
+        raise NotCheckedError("not fitted", *np.array(COMPONENTS)[~known].tolist())
     tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.

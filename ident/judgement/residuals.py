@@ -79,17 +79,14 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     thin = slice(None, None, -(-len(residual) // ENOUGH))
     r = residual[thin] - residual[thin].mean(axis=0)
     spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
-    linear = _linear_functions(motion[thin])
+    own = motion[thin]
+    linear = np.hstack([np.sin(own.q), np.cos(own.q), own.dq, own.ddq])
+    linear = (linear - linear.mean(axis=0)) / np.maximum(linear.std(axis=0), 1e-12)
     first, second = np.triu_indices(linear.shape[1])
     quadratic = np.hstack([linear, linear[:, first] * linear[:, second]])
     bases = [linear, quadratic] if quadratic.shape[1] <= len(r) / 4 else [linear]
     beyond = -float(special.ndtri(SIGNIFICANT / r.shape[1] / len(bases)))
     return np.max([_explained(r, x, spectra, beyond) for x in bases], axis=0)
-
-
-def _linear_functions(motion: Motion) -> np.ndarray:
-    x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
-    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-12))
 
 
 def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:

@@ -276,44 +276,28 @@ def beyond_robots(mass: float, robot: float | None) -> str:
     return f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
 
 
+_FUNCTIONS: tuple[Callable[..., Any], ...] = (
+    *(worse_pairs, advice, lead, ending, distances, above_fast_noise, in_each_log, causes_in_words),
+    *(lateness, delay_stated, turned, steps_in_words, pose_noise, stuck_values, what_was_unchecked),
+    *(beside_model, offsets_in_words, moves, masses_in_words, limits_in_units, inertias, beyond_robots),
+)
 WORDS: Mapping[str, Callable[..., Any]] = {
-    "worse_pairs": worse_pairs,
-    "advice": advice,
-    "lead": lead,
-    "ending": ending,
-    "distances": distances,
+    **{each.__name__: each for each in _FUNCTIONS},
     "best_logs": lambda best, **_: listed((f"log {log}" for log in best), "logs"),
-    "above_fast_noise": above_fast_noise,
-    "in_each_log": in_each_log,
     "shares_of_samples": lambda shares: listed(
         (f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints"
     ),
-    "causes_in_words": causes_in_words,
     "less": lambda ratio, **_: 1 - ratio,
-    "lateness": lateness,
-    "delay_stated": delay_stated,
-    "turned": turned,
     "ends": lambda limits, unit, **_: " and ".join(f"{value:.4g} {unit}" for value in limits),
-    "steps_in_words": steps_in_words,
-    "pose_noise": pose_noise,
-    "stuck_values": stuck_values,
-    "what_was_unchecked": what_was_unchecked,
-    "beside_model": beside_model,
     "weigh_or_turn": lambda mass, **_: "check the signs of all channels" if mass < 0 else "weigh the mechanism",
-    "offsets_in_words": offsets_in_words,
-    "moves": moves,
-    "masses_in_words": masses_in_words,
     "with_joints": lambda joints: listed((f"{body} (joint {joint})" for body, joint in joints.items()), "bodies"),
     "reasons": lambda fixed_by, **_: (
         " and ".join(fixed_by) or "the stated one alone: masses, friction and rotors are as uncertain as that"
     ),
-    "inertias": inertias,
     "largest_in_percent": lambda largest, **_: 100 * largest,
     "shares_in_percent": lambda shares, **_: listed(
         (f"{joint} {percent(share)}" for joint, share in shares.items()), "joints"
     ),
-    "limits_in_units": limits_in_units,
-    "beyond_robots": beyond_robots,
     "thousandth": lambda mass, **_: mass / 1e3,
 }
 """Functions of a finding's values by their names in templates."""
