@@ -48,9 +48,8 @@ def test_a_study_file_states_a_sweep(tmp_path, capsys):
     ):
         text = (tmp_path / "own.toml").read_text(encoding="utf-8")
         key = wrong.partition(" ")[0]
-        found = next(
-            (part for part in ('option = "noise_scale"', "values = [0, 1, 2.5]", "seeds = 2") if part.startswith(key)), 'numbers = ["rank_one"]'
-        )
+        parts = 'option = "noise_scale"', "values = [0, 1, 2.5]", "seeds = 2"
+        found = next((part for part in parts if part.startswith(key)), 'numbers = ["rank_one"]')
         (tmp_path / "wrong.toml").write_text(text.replace(found, wrong), encoding="utf-8")
         assert message in refusal(own_study.main, [str(tmp_path / "wrong.toml"), *given[1:]], capsys)
 
@@ -102,7 +101,10 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     [
         (["pendulum", "--over", "samples", "100"], "invalid choice: 'pendulum'"),
         (["multicontact", "--over", "tilt_deg", "5"], "needs one of samples, contact, noise_scale; got tilt_deg"),
-        (["multicontact", "--over", "samples", "100", "many"], "sweep.values needs a whole number of at least 1, got many"),
+        (
+            ["multicontact", "--over", "samples", "100", "many"],
+            "needs a whole number of at least 1, got many",
+        ),
         (["multicontact", "--over", "samples"], "needs one value or more, all different, got []"),
         (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got [1.0, 1.0]"),
         (["multicontact", "--over", "samples", "1"], "refuses every run: samples 1, seed 0: "),
