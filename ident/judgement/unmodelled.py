@@ -96,9 +96,20 @@ class HypothesisFit:
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
-        motions, phi = (self.fitted.motion, self.judged.motion), _bodies(self.equations, self.values)
-        for kind, body, more in _hypotheses(self.equations, phi, motions):
-            yield (kind, body), self.error(more)
+        equations, motions, tree = (
+            self.equations,
+            (self.fitted.motion, self.judged.motion),
+            self.equations.mechanism.tree,
+        )
+        phi, carried = _bodies(equations, self.values), [False] * len(tree.bodies)
+        for i, body in enumerate(tree.bodies):
+            carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
+            if body.moves and body.parent != BASE and body.home[:3, 3].any():
+                yield ("length", body.name), self.error([_length(equations, phi, i, motion) for motion in motions])
+        for k, i in enumerate(tree.inertial):
+            # What pulls rests in the base's axes.
+            if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
+                yield ("force", tree.names[i]), self.error([_force(equations, k, i, motion) for motion in motions])
 
 
 def unmodelled(comparisons: Sequence[HypothesisFit]) -> tuple[Unmodelled, ...]:
@@ -136,22 +147,6 @@ def _bodies(equations: Equations, values: np.ndarray) -> np.ndarray:
     B = equations.parameters.regroup(np.eye(len(known))).T
     links = (values - np.pad(equations.from_drives, (0, len(values)))[: len(values)])[: len(B)]
     return np.asarray(known + np.linalg.lstsq(B, links - B @ known, rcond=None)[0])
-
-
-def _hypotheses(
-    equations: Equations, phi: np.ndarray, motions: Sequence[Motion]
-) -> Iterator[tuple[str, str, list[np.ndarray]]]:
-    """Yields kind, body and columns for each motion (k, N, C)."""
-    tree = equations.mechanism.tree
-    carried = [False] * len(tree.bodies)
-    for i, body in enumerate(tree.bodies):
-        carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
-        if body.moves and body.parent != BASE and body.home[:3, 3].any():
-            yield "length", body.name, [_length(equations, phi, i, motion) for motion in motions]
-    for k, i in enumerate(tree.inertial):
-        # What pulls rests in the base's axes.
-        if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
-            yield "force", tree.names[i], [_force(equations, k, i, motion) for motion in motions]
 
 
 def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np.ndarray:
