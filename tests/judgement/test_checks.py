@@ -9,7 +9,7 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
 from scipy import signal
 
 from ident.estimation.equations import COMPONENTS
-from ident.judgement import checks, residuals
+from ident.judgement import checks, model_fit, residuals
 from ident.judgement.residuals import idle_channels, still_channels
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
@@ -27,7 +27,7 @@ def turned(wrench, R):
 
 
 def test_there_are_24_right_angled_rotations():
-    turns = checks.right_angled_rotations()
+    turns = model_fit.right_angled_rotations()
     assert len(turns) == len({R.tobytes() for R in turns}) == 24
     np.testing.assert_array_equal(turns[0], np.eye(3))
     assert all(np.linalg.det(R) == 1 for R in turns)
@@ -36,7 +36,7 @@ def test_there_are_24_right_angled_rotations():
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("k", range(0, 24, 3))
 def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
-    R = checks.right_angled_rotations()[k]
+    R = model_fit.right_angled_rotations()[k]
     noisy = WRENCH + RNG.normal(size=WRENCH.shape)
     check = checks.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
     assert check.sign == sign
