@@ -167,12 +167,8 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
     for name, log in zip(("empty", "full"), logs, strict=True):
         log.save(tmp_path / f"{name}.npz")
     files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]
-    assert (
-        payload.main(
-            [*files, "--body", "tool", "--name", "out", "--out", str(tmp_path), "--formats", "svg", "--verbose"]
-        )
-        == 0
-    )
+    options = ["--body", "tool", "--name", "out", "--out", str(tmp_path), "--formats", "svg", "--verbose"]
+    assert payload.main([*files, *options]) == 0
     printed = capsys.readouterr().out
     assert "The load, in the frame of 'tool'" in printed and "Verdict: Usable" in printed
     written = json.loads((tmp_path / "out" / "payload.json").read_text(encoding="utf-8"))

@@ -123,17 +123,8 @@ def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     )
     text += 'force = ["fx", "fy", "fz"]\ntorque = ["mx", "my", "mz"]\napplied_to_link = false\n'
     (tmp_path / "c.toml").write_text(text)
-    options = [
-        "--body",
-        "tool",
-        "--sensor",
-        "ft",
-        "--columns",
-        str(tmp_path / "c.toml"),
-        "--formats",
-        "svg",
-        "--verbose",
-    ]
+    options = ["--body", "tool", "--sensor", "ft", "--formats", "svg", "--verbose"]
+    options += ["--columns", str(tmp_path / "c.toml")]
     assert command.main([str(tmp_path / "swing.csv"), *options, "--out", str(tmp_path / "out")]) == 0
     folder = tmp_path / "out" / "tool-swing"
     assert not list(folder.glob("model.*"))

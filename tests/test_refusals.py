@@ -82,6 +82,9 @@ WRONG = {
     ),
     "for every body; 'a' occurs twice": lambda _: Tree((POINT, POINT)),
     "for every joint; 'elbow' occurs twice": lambda _: Tree((HINGE, replace(HINGE, name="b"))),
+    "ball joint 'elbow' has a rotation 'elbow.x', and another joint": lambda _: Tree(
+        (Body("a", BASE, np.eye(4), ball_twist(np.zeros(3)), "elbow"), replace(HINGE, name="b", joint="elbow.x"))
+    ),
     "at least 10 finite poses, got 3": lambda _: estimate_screw(se3.exp(np.eye(6)[3], SAMPLES), np.eye(3)[0]),
     "'rail' slides": lambda _: recover_axes(SLIDE, np.tile(np.eye(4), (20, 1, 1, 1))),
     "'shoulder' needs quaternions; that of sample 1 is zero": lambda _: regressor(

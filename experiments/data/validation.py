@@ -4,11 +4,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from itertools import combinations
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from ident.annotations import typed
+from ident.annotations import Needs, typed
 from ident.errors import InputError
 from ident.files.schema import value_of
 from ident.files.table import short
@@ -67,6 +67,10 @@ class SourceFile:
     converter: str = ""
 
 
+Stated = Annotated[float, Needs("a number of at least 0", lambda x: not x < 0)]
+"""A size that an entry states, NaN if it does not."""
+
+
 @typed("std")
 @dataclass(frozen=True)
 class StatedValue:
@@ -81,7 +85,7 @@ class StatedValue:
 
     name: str
     value: float
-    std: float = float("nan")
+    std: Stated = float("nan")
     source: str = ""
 
 
@@ -100,9 +104,9 @@ class Reference:
 
     source: str
     ratios: Mapping[str, float] = field(default_factory=dict)
-    median: float = float("nan")
+    median: Stated = float("nan")
     best: int = 0
-    worse: float = float("nan")
+    worse: Stated = float("nan")
 
 
 @typed()

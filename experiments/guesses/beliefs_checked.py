@@ -16,7 +16,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT, UNITS
-from ident.judgement.gravity import recorded_gravity
+from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log

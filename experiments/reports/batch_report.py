@@ -17,8 +17,9 @@ from experiments.document.writer import sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
-from ident.judgement.finding import number_of, title_of
+from ident.judgement.finding import title_of
 from ident.judgement.verdict import Outcome as Verdict
+from ident.judgement.wording import number_of
 from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "batch.json")

@@ -15,7 +15,7 @@ from experiments.document.writer import sentences
 from experiments.studies.designed_excitation import Design, geometric_mean
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
-from ident.judgement.finding import NAMED
+from ident.judgement.wording import NAMED
 from ident.recordings.recording import STATES
 
 ALIKE = 0.1

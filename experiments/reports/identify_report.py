@@ -21,8 +21,9 @@ from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import about_best
-from ident.judgement.finding import NAMED, line_of, listed, number_of
+from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
+from ident.judgement.wording import NAMED, listed, number_of
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors

@@ -14,7 +14,7 @@ from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
-from ident.judgement.finding import number_of
+from ident.judgement.wording import number_of
 from ident.tolerances import INTERVAL
 
 DIGITS = 6

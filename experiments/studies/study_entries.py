@@ -98,11 +98,13 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
 
 
 def with_sweep(study: StudyFile, entry: Any) -> StudyFile:
-    """The study with runs over the values of one of its options, which are of the default's type."""
+    """The study with runs over the values of one of its options, which fit as that does."""
     sweep = made(Sweep, "sweep", entry)
-    kinds = {name: type(value) for name, value in study.options.items() if name != "seed"}
-    kind: Any = kinds[choice("sweep.option", sweep.option, kinds)]
-    values = value_of("sweep.values", list(sweep.values), tuple[kind, ...])
+    hints = {"contact": str}
+    for kind in (Scene, StudyFile):
+        hints |= get_type_hints(kind, include_extras=True)
+    hint: Any = hints[choice("sweep.option", sweep.option, [name for name in study.options if name != "seed"])]
+    values = value_of("sweep.values", list(sweep.values), tuple[hint, ...])
     if not values or len(set(values)) < len(values):
         raise InputError(f"sweep.values needs one value or more, all different, got {short(list(values))}.")
     return replace(study, sweep=replace(sweep, values=values))
@@ -149,11 +151,17 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, StudyModel]:
                 f"{where} needs another name: curves of wrenches call {', '.join(WRENCHES)} what is no model."
             )
         entry = {"title": f"{name.replace('_', ' ')} model", **table(where, value)}
-        model = made(StudyModel, where, entry | ({"ignore": [*ALL]} if entry.get("ignore") == "all" else {}))
+        whole = entry.get("ignore") == "all"
+        model = made(StudyModel, where, entry | ({"ignore": [*ALL]} if whole else {}))
         if model.parameters is not None:
             # Only earlier models, so that there are no cycles.
             choice(f"{where}.parameters", model.parameters, models)
-        for contact in model.ignore if model.ignore != ALL else ():
+        for contact in () if whole else model.ignore:
+            if contact == "all":
+                raise InputError(
+                    f'{where}.ignore needs "all" as a text, not in a list, to leave out all contacts; single ones are '
+                    f"{', '.join(scene.contacts) or 'none'}."
+                )
             choice(f"{where}.ignore", contact, scene.contacts)
         models[name] = model
     return models

@@ -15,8 +15,8 @@ from ident.estimation.separation import excited, separable, undetermined
 from ident.estimators.predictions import Candidate, Predictions
 from ident.judgement.agreement import disagreement, disagreements, widening, without
 from ident.judgement.checks import wrench_checks
-from ident.judgement.fit_findings import beyond_fast_noise
-from ident.judgement.gravity import recorded_gravity
+from ident.judgement.model_fit import recorded_gravity
+from ident.judgement.residuals import beyond_fast_noise
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.conventional import FilteredLeastSquares, filtered_least_squares

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, doubt, listed, percent, remark
+from ident.judgement.finding import Finding, Place
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
@@ -26,9 +25,6 @@ BETTER = 1.05
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
-
-CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
-"""Candidates in words."""
 
 
 def about_best(ratios: np.ndarray) -> np.ndarray:
@@ -114,39 +110,3 @@ def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
     elif (other := candidates.better_overall) is not None:
         behind, pairs = candidates.behind(other), candidates.pairs(other)
         yield Finding.of("candidate_better", candidate=other, behind=behind, ratios=pairs)
-
-
-def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) -> str:
-    parts = [f"{CANDIDATES[name]} in {_pairs(channels)}" for name, channels in worse.items()]
-    return f"Worse than {', and than '.join(parts)}, residual over signal. {_advice('model' in worse, **advice)}"
-
-
-def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
-    """The estimate's ratios beside another candidate's, of the worst channel if there are many."""
-    pairs = {channel: f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()}
-    most = max(channels, key=lambda channel: channels[channel][0] - channels[channel][1])
-    return listed(pairs.values(), f"channels, most in {pairs[most]}")
-
-
-def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:
-    name = CANDIDATES[candidate]
-    return (
-        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
-        f"of {len(ratios)} channels. Take it if you only want to predict."
-    )
-
-
-def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
-    if take == "model":
-        return "Keep the model."
-    if take == "least squares":
-        cutoff = "" if cutoff_hz is None else f" --cutoff {cutoff_hz:.3g}"
-        return f"Take least squares, --estimator weighted{cutoff}."
-    keep = "Keep the model, or move" if model_too else "Move"
-    return (
-        "Least squares had the model's bodies as a prior, without which --estimator weighted does not separate the "
-        f"parameters. {keep} the joints further."
-    )
-
-
-FINDINGS.update(worse_than_candidate=doubt(_worse), candidate_better=remark(_better, channels="ratios"))

@@ -1,21 +1,21 @@
-"""Checks of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
+"""Checks of a fitted recording against the model: weight, signs, axes and frames of wrenches, contacts left out."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import linalg
 
 from ident.errors import InputError
+from ident.estimation.accumulator import triangle_of
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
-from ident.geometry.se3 import applied, coAd, inverse
-from ident.judgement import diagnosis
-from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
-from ident.judgement.gravity import GravityCheck, recorded_gravity
-from ident.judgement.model_fit import DelayCheck, delay_check
+from ident.geometry.se3 import applied, coAd, hat, inverse
+from ident.judgement import model_fit
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
+from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
 
@@ -23,17 +23,251 @@ NOISE_WANDERS = 1 / 15
 """Distance from a measured contact at which its noise may seem to act, of the mechanism's size: half a foot."""
 
 
-class NotCheckedError(Exception):
-    """A check that cannot be made.
+class FrameCheck(NamedTuple):
+    """Sign and rotation with which a measured wrench agrees best with the predicted one.
 
     Attributes:
-        reason: `no gravity`, `no force`, channels `not measured` or `not fitted`, or an `error`.
-        channels: Channels in which it would show.
+        sign: 1, or -1 if action and reaction were mistaken for each other.
+        rotation: The rotation, by multiples of 90° or of a transposed frame (3, 3).
+        error: Relative error of the wrench as it is, over that of the prediction.
+        error_turned: The same with sign and rotation.
+        mirrored: Components with the opposite sign, which no sign or rotation of the whole explains.
     """
 
-    def __init__(self, reason: str, channels: Iterable[str] = ()) -> None:
-        self.reason, self.channels = reason, tuple(channels)
-        super().__init__(reason)
+    sign: int
+    rotation: np.ndarray
+    error: float
+    error_turned: float
+    mirrored: tuple[str, ...] = ()
+
+    @property
+    def suspicious(self) -> bool:
+        """True if another sign or other axes fit far better."""
+        turned = self.sign < 0 or not np.array_equal(self.rotation, np.eye(3))
+        return bool(turned and self.error_turned < FAR_BETTER * self.error and not self.mirrored)
+
+
+class BaseCheck(NamedTuple):
+    """Another resting body in whose frame the ground's wrench fits the prediction far better.
+
+    Attributes:
+        body: Name of the body in whose frame it fits best.
+        error: Relative error of the wrench as it was stated, over that of the prediction.
+        error_there: The same in the frame of that body.
+    """
+
+    body: str
+    error: float
+    error_there: float
+
+
+FAR_BETTER = 0.5
+"""Error of a wrench with other signs, axes or frames over that as stated below which these are far better."""
+
+MIRRORED, NOTABLE = 0.4, 0.1
+"""Error of a component with the opposite sign, over that as it is, below which it is mirrored; and size of its
+prediction over that of its force or moment from which that can be said."""
+
+CLOSE = 0.2
+"""Weight of the distance of a point of contact from the body's joints, beside that of the forces from the point."""
+
+NEAR = 0.12
+"""Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
+
+AS_NEAR = 1.03
+"""Distances within this factor of the smallest one are as good as the same."""
+
+TINY = 1e-12
+"""Least force, so that quotients are finite; relative errors below are rounding."""
+
+
+class ContactCheck(NamedTuple):
+    """The unmeasured contact that explains a residual wrench best.
+
+    Attributes:
+        body: Name of the body that it would be on.
+        point: Where, in the body's frame, m (3,).
+        explained: Fraction of the residual moment that forces through that point explain.
+        distance: Distance of the forces from that point, plus a weighted one of the point from the body's joints, m.
+    """
+
+    body: str
+    point: np.ndarray
+    explained: float
+    distance: float
+
+
+def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarray) -> FrameCheck:
+    """Check of a wrench's sign and axes: both signs, all 24 right-angled rotations, and the transposed frame.
+
+    If no other sign or axes fit better, forces alone are compared: moments also depend on the sensor's origin.
+
+    Args:
+        measured: Wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
+        predicted: What the prior model predicts there (N, 6).
+        rotation: Rotation of the sensor's frame in the frame that it is mounted on (3, 3).
+    """
+    known = np.isfinite(measured).all(axis=0)
+    whole = np.where(known, measured, 0)
+    check = _best_turn(whole, predicted, known, rotation)
+    if not check.suspicious and known[:3].all():
+        forces = _best_turn(whole, predicted, known & (np.arange(6) < 3), rotation)
+        check = forces if forces.suspicious else check
+    mirrored = _mirrored(whole, predicted, known)
+    turned = whole @ (check.sign * linalg.block_diag(check.rotation, check.rotation)).T
+    if check.suspicious and len(_mirrored(turned, predicted, known)) < len(mirrored):
+        return check
+    return check._replace(mirrored=tuple(np.array(COMPONENTS)[mirrored].tolist()))
+
+
+def _mirrored(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray) -> list[int]:
+    """Components that are far nearer to their predictions with the opposite sign, among those with a notable one."""
+    signs = []
+    # Offsets may be large, and motions small beside the weight.
+    for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
+        as_is, opposite = (np.linalg.norm(x - sign * y, axis=0) for sign in (1, -1))
+        sizes = np.linalg.norm(y, axis=0)
+        notable = sizes > NOTABLE * np.repeat(np.linalg.norm(sizes.reshape(2, 3), axis=1), 3)
+        signs.append(notable * (1 * (opposite < MIRRORED * as_is) - (as_is < opposite)))
+    return np.flatnonzero(known & (np.max(signs, axis=0) > 0) & (signs[1] >= 0)).tolist()
+
+
+def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
+    scale = _scale(predicted)
+    # Combinations of few columns have the norms that those of their triangular factor have.
+    measured, predicted = np.hsplit(triangle_of(np.hstack([measured, predicted])), 2)
+
+    def error(sign: int, R: np.ndarray) -> float:
+        turn = sign * linalg.block_diag(R, R)
+        return _size((measured @ turn.T - predicted) / scale, np.abs(turn) @ known > 0)
+
+    straight, *right_angled = model_fit.right_angled_rotations()
+    simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
+    turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
+    errors = [error(*turn) for turn in turns]
+    # In a planar motion several fit; the simplest mistake is the likeliest.
+    best = next(k for k, each in enumerate(errors) if each <= max(model_fit.TIE * min(errors), TINY))
+    sign, R = turns[best]
+    return FrameCheck(sign, R, errors[0], errors[best])
+
+
+def _size(off: np.ndarray, known: np.ndarray) -> float:
+    """Size of errors of the components that are known, over those of a force or moment (N, 6)."""
+    return float(np.linalg.norm(off[:, known]) / np.sqrt(known.sum() / 3))
+
+
+def _scale(predicted: np.ndarray) -> np.ndarray:
+    """Size of forces and of moments, for each component (6,)."""
+    size = np.linalg.norm(predicted.reshape(-1, 2, 3), axis=(0, 2))
+    return np.repeat(np.maximum(size, 1e-3 * size.max(initial=1e-12)), 3)
+
+
+def check_base(
+    tree: Tree, q: np.ndarray, frame: np.ndarray, measured: np.ndarray, predicted: np.ndarray
+) -> BaseCheck | None:
+    """Check of the frame in which a sensor measures: the base's, and those of all bodies that rest in it.
+
+    Args:
+        tree: The mechanism.
+        q: Joint coordinates of one sample (n_q,).
+        frame: Pose of the sensor's frame as it was stated, in the base frame (4, 4).
+        measured: Wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
+        predicted: What the prior model predicts there (N, 6).
+
+    Returns:
+        The best of them; None if it is not far better than the base's.
+    """
+    poses, rest = tree.poses(q[None])[0], list[int]()
+    for i, body in enumerate(tree.bodies):
+        rest += [i] if not body.moves and (body.parent < 0 or body.parent in rest) else []
+    in_base, known = predicted @ coAd(frame).T, np.isfinite(measured).all(axis=0)
+
+    def error(T: np.ndarray) -> float:
+        return _size((measured - in_base @ coAd(inverse(T @ frame)).T) / _scale(predicted), known)
+
+    stated, others = error(np.eye(4)), [i for i in rest if not np.allclose(poses[i], np.eye(4), atol=1e-6)]
+    checks = [BaseCheck(tree.names[i], stated, error(poses[i])) for i in others]
+    best = min(checks, key=lambda check: check.error_there, default=None)
+    return best if best is not None and best.error_there < FAR_BETTER * stated else None
+
+
+def check_contact(
+    tree: Tree,
+    q: np.ndarray,
+    residual: np.ndarray,
+    usual: Collection[str] = (),
+    up: np.ndarray | None = None,
+    *,
+    near: float = NEAR,
+) -> ContactCheck:
+    """Contact at which an unmeasured force explains a residual wrench best.
+
+    The residual moment is least-squares fitted by `(p_i + R_i c) × F`. Over a short time forces nearly always pass
+    through some point that moves with a body, if it may be far from it: points count as worse the farther they are.
+
+    Args:
+        tree: The mechanism.
+        q: Joint coordinates (N, n_q).
+        residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
+        usual: Bodies that are likely: one of them it is if the forces pass near it, or as near as any other.
+        up: Directions against gravity in the base frame (N, 3), if the force carries weight: of bodies next to each
+            other whose distance is as good as the same, since its line runs through both, it then is the one whose
+            frame's origin is lowest.
+        near: What counts as near, m.
+
+    Returns:
+        The best body and point.
+    """
+    poses = tree.poses(q)
+    checks = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
+    near = max(near, AS_NEAR * min(check.distance for check in checks.values()))
+    likely = {i: check for i, check in checks.items() if check.body in usual and check.distance < near} or checks
+    best = min(likely, key=lambda i: likely[i].distance)
+    if up is None:
+        return likely[best]
+    linked = [i for i in likely if best in (i, _carrier(tree, i)) or i == _carrier(tree, best)]
+    as_near = [i for i in linked if likely[i].distance <= AS_NEAR * likely[best].distance]
+    return likely[min(as_near, key=lambda i: float((poses[:, i, :3, 3] * up).sum(axis=1).mean()))]
+
+
+def _carrier(tree: Tree, i: int) -> int:
+    """The nearest body with inertia that carries a body; -1 if only the base does."""
+    parent = tree.bodies[i].parent
+    while parent >= 0 and parent not in tree.inertial:
+        parent = tree.bodies[parent].parent
+    return parent
+
+
+def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> ContactCheck:
+    """Contact on one body that explains a residual wrench best, near its own joint or one that it carries.
+
+    Args:
+        tree: The mechanism.
+        i: Index of the body.
+        T: Its poses in the base frame (N, 4, 4).
+        residual: As for `check_contact`.
+    """
+    force, moment = residual[:, :3], residual[:, 3:]
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    every = triangle_of(np.column_stack([(-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()]))
+    rows, target = every[:, :3], every[:, 3]
+    point = _least_squares(rows, target)
+    total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
+    pushed, distances = max(float(np.linalg.norm(force)), TINY), []
+    near = np.vstack([rows / pushed, np.eye(3) * CLOSE])
+    for joint in [np.zeros(3), *(body.home[:3, 3] for body in tree.bodies if body.parent == i)]:
+        aim = np.append(target / pushed, CLOSE * joint)
+        distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
+    return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
+
+
+def _least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:
+    # Another driver's SVD can fail to converge on finite data.
+    return np.asarray(linalg.lstsq(rows, target, cond=1e-12, lapack_driver="gelsy")[0])
+
+
+class NotCheckedError(Exception):
+    """A check that cannot be made: `no gravity`, `no force`, or `not measured` or `not fitted` and these channels."""
 
 
 class Weight(NamedTuple):
@@ -64,9 +298,9 @@ class Checks(NamedTuple):
         torques: Checks of the joint torques, None where there are none.
     """
 
-    gravity: GravityCheck | None
+    gravity: model_fit.GravityCheck | None
     unchecked: Sequence[Mapping[str, Any]] = ()
-    delay: DelayCheck | None = None
+    delay: model_fit.DelayCheck | None = None
     frames: Mapping[str, FrameCheck] = MappingProxyType({})
     base: BaseCheck | None = None
     weight: Weight | None = None
@@ -82,7 +316,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         fit: What was fitted to a part of it.
         part: That part.
     """
-    gravity = recorded_gravity(prepared)
+    gravity = model_fit.recorded_gravity(prepared)
     if gravity is not None and gravity.suspicious:
         return Checks(gravity)
     residual = fit.residual(prepared.samples[prepared.taken(part)])
@@ -96,10 +330,11 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         try:
             results[name] = check()
         except NotCheckedError as error:
-            unchecked.append({"check": name, "reason": error.reason, "channels": error.channels, "error": ""})
+            reason, *channels = error.args
+            unchecked.append({"check": name, "reason": reason, "channels": tuple(channels), "error": ""})
         except (InputError, np.linalg.LinAlgError) as error:
             unchecked.append({"check": name, "reason": "error", "channels": (), "error": str(error)})
-    return Checks(gravity, unchecked, delay_check(prepared), *wrench_checks(prepared), **results)
+    return Checks(gravity, unchecked, model_fit.delay_check(prepared), *wrench_checks(prepared), **results)
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
@@ -150,7 +385,7 @@ def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
     most = np.abs(up).max(axis=0)
     missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 and not k]
     if missing:
-        raise NotCheckedError("not measured", missing)
+        raise NotCheckedError("not measured", *missing)
     return up, known
 
 
@@ -172,7 +407,7 @@ def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck 
     mechanism, motion = prepared.mechanism, prepared.samples.motion
     predicted, base = predicted_wrench(prepared), None
     if GROUND in prepared.recording.wrenches:
-        base = diagnosis.check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
+        base = check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
     return _frames(prepared, predicted), base
 
 
@@ -196,7 +431,7 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
             missing = applied(back, np.where(kept, predicted - (prepared.wrench - felt), 0))
             own = own if kept.all() else applied(back, np.where(kept, felt, 0))
         if np.isfinite(missing).all():
-            checks[name] = diagnosis.check_frame(own, missing, wrench.pose[:3, :3])
+            checks[name] = check_frame(own, missing, wrench.pose[:3, :3])
     return checks
 
 
@@ -205,10 +440,10 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.any():
         return None
     if not known.all():
-        raise NotCheckedError("not fitted", np.array(COMPONENTS)[~known].tolist())
+        raise NotCheckedError("not fitted", *np.array(COMPONENTS)[~known].tolist())
     tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.
     measured = {sensor.body for name, sensor in prepared.recording.sensors.items() if sensor.body and name != GROUND}
     size = float(np.linalg.norm(np.ptp(tree.poses(q)[:, :, :3, 3], axis=1), axis=1).max())
-    return diagnosis.check_contact(tree, q, in_base, measured, near=min(diagnosis.NEAR, NOISE_WANDERS * size))
+    return check_contact(tree, q, in_base, measured, near=min(NEAR, NOISE_WANDERS * size))

@@ -1,21 +1,20 @@
 """Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence; and errors of its set-up."""
 
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
-from string import Formatter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.display.text import rounded
 from ident.estimation.setup_parameters import SetupParameter
+from ident.judgement.wording import NAMED, InWords, listed
 from ident.setup import SETUP
 from ident.trajectory.result import TrajectoryEstimate
-
-NAMED = 4
-"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
 
 WORDS = 7
 """Largest number of words in a title."""
@@ -54,21 +53,20 @@ class Row:
     """Sentence, doubt and place of a code.
 
     Attributes:
-        template: Format string of the values, as `_InWords` formats them, or a function of the values where grammar
-            depends on them.
-        doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
+        text: Template of the values, as `InWords` formats them, or a function of the values.
+        level: `doubt` if it speaks against the estimate, `remark` if not, `judged` if its judge decides by the values.
+        title: Its title; empty if the code is words enough.
         place: Key of the value that names the bodies, joints, wrenches or channels of its place, by these words.
     """
 
-    template: str | Callable[..., str]
-    doubt: bool | None
+    text: str | Callable[..., str]
+    level: str
+    title: str = ""
     place: Mapping[str, str] = field(default_factory=dict)
 
     def rendered(self, values: Mapping[str, Any]) -> str:
         """The sentence with these values."""
-        if isinstance(self.template, str):
-            return _InWords().vformat(self.template, (), values)
-        return self.template(**values)
+        return InWords().vformat(self.text, (), values) if isinstance(self.text, str) else self.text(**values)
 
     def place_of(self, values: Mapping[str, Any]) -> Place:
         """The place that these values name."""
@@ -77,73 +75,14 @@ class Row:
         return Place(**names)
 
 
-def doubt(template: str | Callable[..., str], **place: str) -> Row:
-    """Row of a finding that speaks against the estimate."""
-    return Row(template, True, place)
+def _rows() -> dict[str, Row]:
+    """The rows of `findings.toml`, each text on one line."""
+    rows = tomllib.loads(Path(__file__).with_name("findings.toml").read_text(encoding="utf-8"))
+    return {code: Row(**row | {"text": " ".join(row["text"].split())}) for code, row in rows.items()}
 
 
-def remark(template: str | Callable[..., str], **place: str) -> Row:
-    """Row of a finding that does not."""
-    return Row(template, False, place)
-
-
-def judged(template: str | Callable[..., str], **place: str) -> Row:
-    """Row of a finding that is a doubt if its judge says so."""
-    return Row(template, None, place)
-
-
-class _InWords(Formatter):
-    """Formats templates: few names are listed, others counted; `{ratios:channels .3g}` brackets each one's number.
-
-    `%` as a format is a share in per cent.
-    """
-
-    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
-        value = kwargs[key]
-        names = isinstance(value, list | tuple) and all(isinstance(own, str) for own in value)
-        return listed(value, str(key)) if names else value
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        if isinstance(value, Mapping):
-            what, _, form = format_spec.rpartition(" ")
-            return bracketed(value, what, form)
-        if isinstance(value, list | tuple):
-            return listed(format(own, format_spec) for own in value)
-        return percent(value) if format_spec == "%" else format(value, format_spec)
-
-
-FINDINGS: dict[str, Row] = {}
-"""Row of each code, by subject: modules with judges add theirs; `judges` imports all of them."""
-
-
-TITLES = {
-    "worse_than_candidate": "another candidate predicts clearly better",
-    "candidate_better": "another candidate predicts somewhat better",
-    "unexplained_channels": "this motion does not explain",
-    "unmodelled": "the model lacks something",
-    "wrench_sign_or_axes": "sign or axes of the wrench",
-    "other_base": "wrench measured in another frame",
-    "mass_by_setup": "mass by set-up and mass weighed",
-    "mass_or_common_gain": "another mass, or a common gain",
-    "inseparable_offsets": "offsets inseparable from masses",
-    "unchecked": "could not be checked",
-    "friction_not_fitted": "friction is left out",
-    "low_velocity_friction": "torques count less at low velocity",
-    "smooth_coulomb_friction": "smooth Coulomb friction",
-    "body_not_carried": "a body that was not carried",
-    "channels_late": "channels late against others",
-    "own_in_logs": "friction or offsets differ between logs",
-    "prior_beside_data": "the model's bodies were a prior, needlessly",
-    "prior_needed": "the model's bodies served as a prior",
-    "joint_noise_not_included": "noise of joints is not included",
-    "model_not_contradicted": "the data do not contradict the model",
-    "physical_within_region": "updated model within the 95 % region",
-    "no_physical_bodies": "no physical bodies near the estimate",
-    "masses_shown": "masses far from the model's",
-    "masses_limited": "masses that no channel contains",
-    "masses_hardly_shown": "masses that the data hardly show",
-}
-"""Short titles of findings whose codes are not words enough."""
+FINDINGS = _rows()
+"""Row of each code."""
 
 
 def title_of(code: str) -> str:
@@ -152,7 +91,7 @@ def title_of(code: str) -> str:
     >>> title_of("weight_differs")
     'Weight differs'
     """
-    words = TITLES.get(code, code.replace("setup", "set-up").replace("_", " "))
+    words = (FINDINGS[code].title if code in FINDINGS else "") or code.replace("setup", "set-up").replace("_", " ")
     return words[0].upper() + words[1:]
 
 
@@ -186,9 +125,9 @@ class Finding:
             ValueError: Both the row and the judge say whether it is a doubt, or neither does.
         """
         row = FINDINGS[code]
-        if (row.doubt is None) == (doubt is None):
+        if (row.level == "judged") == (doubt is None):
             raise ValueError(f"'{code}' needs its doubt either from its row or from its judge.")
-        return cls(code, values, bool(doubt or row.doubt), row.place_of(values) if place is None else place)
+        return cls(code, values, row.level == "doubt" or bool(doubt), row.place_of(values) if place is None else place)
 
     @property
     def text(self) -> str:
@@ -235,37 +174,6 @@ def doubts_first(findings: Iterable[Finding]) -> list[Finding]:
 def line_of(text: str, doubt: bool) -> str:
     """Line of a finding's sentence in a list in the terminal."""
     return f"  {'!' if doubt else '-'} {text}"
-
-
-def listed(names: Iterable[str], what: str = "") -> str:
-    """Names with commas between them, or how many of `what` they are if more than `NAMED`.
-
-    >>> listed("abc", "joints"), listed("abcde", "joints")
-    ('a, b, c', '5 joints')
-    """
-    every = [*names]
-    return f"{len(every)} {what}" if what and len(every) > NAMED else ", ".join(every)
-
-
-def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:
-    """Names with commas between them, each with its number in brackets, or how many and the range of their numbers.
-
-    >>> bracketed({"a": 1.0, "b": 0.25}, "joints"), bracketed(dict(zip("abcde", range(5))), "joints")
-    ('a (1), b (0.25)', '5 joints (0 to 4)')
-    """
-    if len(values) > NAMED:
-        return f"{len(values)} {what} ({min(values.values()):{form}} to {max(values.values()):{form}})"
-    return listed(f"{name} ({value:{form}})" for name, value in values.items())
-
-
-def percent(share: float, digits: int = 0) -> str:
-    """A share in per cent."""
-    return f"{round(100 * share, digits) + 0.0:.{digits}f} %"
-
-
-def number_of(number: int, noun: str) -> str:
-    """A number with its noun, in the plural for all but one."""
-    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 @dataclass(frozen=True)
@@ -342,7 +250,8 @@ def setup_sentence(
 ) -> str:
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
     text = sentence(_parameter(kind, **name), value, std)
-    if others := "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)]):
+    causes = [_parameter(**each) for each in alternatives]
+    if others := "; ".join([*together, *(each.text(each.row.short) for each in causes)]):
         text = f"{text} Other causes have the same effect: {others}."
     return text
 
@@ -362,11 +271,6 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
-def short(each: SetupParameter) -> str:
-    """Set-up error in a few words."""
-    return each.text(each.row.short)
-
-
 FINDINGS.update(
-    {f"setup_{kind}": remark(partial(setup_sentence, kind)) for kind, row in SETUP.items() if not row.constant}
+    {f"setup_{kind}": Row(partial(setup_sentence, kind), "remark") for kind, row in SETUP.items() if not row.constant}
 )

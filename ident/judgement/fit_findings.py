@@ -1,6 +1,6 @@
 """Findings on a fit: its residuals, course, agreement of its parts, the prior, postures and assumptions."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from scipy import linalg
@@ -8,13 +8,12 @@ from scipy import linalg
 from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Row, bracketed, doubt, judged, listed, number_of, percent, remark
+from ident.judgement.finding import Finding
+from ident.judgement.residuals import beyond_fast_noise
 from ident.parameters.prior import known_covariance
-from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
-from ident.trajectory.fit.fitted import TrajectoryFit
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -38,9 +37,6 @@ BEYOND, RARELY = 0.05, 0.01
 OF_THE_MOTION = 0.5
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
 residual is not negligible."""
-
-FAR_ABOVE = 3.0
-"""Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -157,114 +153,3 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
     if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
         every = 1 < len(large) == len(evidence.channels)
         yield Finding.of("residual_above_fast_noise", factors=large, all_channels=every)
-
-
-def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
-    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
-    number = len(fit.channel_noise[: len(channels)])
-    fast, floor = fast_noise(fit, range(number)), fit.noises[0].floor_channels[:number]
-    far = fit.channel_noise[:number] > FAR_ABOVE * np.maximum(fast, floor)
-    factors = fit.channel_noise[:number] / np.maximum(fast, 1e-300)
-    return {channels[c]: float(factors[c]) for c in np.flatnonzero(far).tolist()}
-
-
-def fast_noise(fit: TrajectoryFit, columns: Iterable[int]) -> np.ndarray:
-    """Noise of channels from sample to sample (k,)."""
-    return np.array([white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in columns])
-
-
-def _not_converged(status: str, rounds: int) -> str:
-    how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
-    after = number_of(rounds, "round")
-    return f"The trajectory estimate {how} after {after}. Its last iterate is given; do not rely on it."
-
-
-def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
-    names = listed((f"log {log}" for log in best), "logs")
-    still = f" It still predicts {names} best, or about as well as other candidates." * bool(best)
-    each = bracketed({f"log {log}": z for log, z in zip(logs, rms_z, strict=True)}, "logs", ".1f")
-    return (
-        "Logs disagree on the base parameters, in root mean square standard deviations of the noise: "
-        f"{each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
-    )
-
-
-def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
-    each = listed((f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items()), "of them")
-    return (
-        f"Friction and offsets differ between logs, so that each log has its own: {each}. Other logs are predicted "
-        "with their means."
-    )
-
-
-def _ratios(row: Callable[..., Row], what: str, end: str = "") -> Row:
-    """Row of channels by the size of their residuals."""
-    return row(f"{what}, {{part}} residual over signal in brackets: {{ratios:channels .3g}}.{end}", channels="ratios")
-
-
-def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
-    times = {channel: "over 100" if factor > 100 else f"{factor:.0f}" for channel, factor in factors.items()}
-    if all_channels:
-        ends = dict.fromkeys(times[choose(factors, key=factors.__getitem__)] for choose in (min, max))
-        what = f"In all channels the residual is far above the fast noise of the sensors, {' to '.join(ends)} times."
-    else:
-        each = listed((f"{channel} {factor} times" for channel, factor in times.items()), "channels")
-        what = f"The residual is far above the fast noise of the sensors: {each}."
-    return (
-        f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
-        "before. The standard deviations include this residual and its correlation."
-    )
-
-
-def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed((f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints")
-    return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
-
-
-FINDINGS.update(
-    residual_above_signal=_ratios(
-        doubt,
-        "Residuals larger than the channel's own variation",
-        " Look for a constant offset or a dead sensor.",
-    ),
-    unexplained_channels=_ratios(remark, "Not explained by this motion"),
-    poor_prediction=_ratios(remark, "Predicted poorly"),
-    residual_follows_motion=doubt(
-        "Residuals of {channels} depend on the motion: the model lacks something of the mechanism. Check its "
-        "dimensions, joints and contacts.",
-        channels="channels",
-    ),
-    residual_above_fast_noise=remark(_beyond_fast_noise, channels="factors"),
-    not_converged=doubt(_not_converged),
-    halves_disagree=remark(
-        "Two halves of the data differ by {rms_z:.1f} standard deviations of the noise (root mean square). Model or "
-        "set-up are not quite right; all standard deviations are widened by as much."
-    ),
-    logs_disagree=judged(_logs_disagree),
-    own_in_logs=remark(_own_in_logs),
-    prior_beside_data=remark(
-        "The model's bodies served as a prior, though the recordings determine all base parameters without it."
-    ),
-    prior_needed=remark(
-        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
-        "that the data hardly determine stay near the model's; move further and faster to determine more."
-    ),
-    beyond_joint_ranges=doubt(_beyond_ranges, joints="shares"),
-    torque_scale_taken_as_exact=doubt(
-        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
-        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
-        channels="joints",
-    ),
-    setup_taken_as_exact=remark(
-        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
-        "deviations are without its errors; --estimator trajectory estimates them."
-    ),
-    unfiltered_wrenches=remark(
-        "Velocities and accelerations are the log's own, and wrenches are not filtered. If the log's were filtered, "
-        "--cutoff auto treats both alike."
-    ),
-    joint_noise_not_included=remark(
-        "The standard deviations are those of noise on the wrenches. Noise on the joint angles biases the estimate, "
-        "and is not in them; --estimator trajectory includes it."
-    ),
-)

@@ -9,11 +9,11 @@ from scipy import special
 
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
-from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, doubt, doubts_first, judged, remark
+from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import course_findings, halves_findings, model_error_findings, quality_findings
-from ident.judgement.setup_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
+from ident.judgement.mass_findings import consistency_findings
+from ident.judgement.recording_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR, SIGNIFICANT
@@ -195,39 +195,3 @@ def _renamed(values: Any, sensor: str) -> Any:
 
 def _unknown(identifiable: np.ndarray) -> list[str]:
     return [name for name, known in zip(INERTIAS, identifiable[4:], strict=True) if not known]
-
-
-def _unlikely(mass: float, robot: float | None) -> str:
-    more = f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
-    return (
-        f"A payload of {mass:.4g} kg is {more}: check the unit of the forces. In mN it would be {mass / 1e3:.3g} kg; "
-        "raw counts need their factor. State the unit or the gain in the columns file."
-    )
-
-
-FINDINGS.update(
-    payload_forces_unexplained=doubt(
-        "Neither weight nor motion explain the forces, residual over signal in brackets: {ratios:channels .2f}. The "
-        "controller may have taken a load out, the sensor may have been tared on the way, or something touches it. "
-        "Record raw readings: set the controller's payload to 0 kg and do not tare.",
-        channels="ratios",
-    ),
-    payload_mass_unlikely=judged(_unlikely),
-    payload_mass_unknown=doubt(
-        "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis."
-    ),
-    payload_inertia_unknown=remark(
-        "The motion does not determine {quantities}: likely values stand in, of the model's body or of a ball "
-        "of the same mass. Turn the sensor faster to determine them."
-    ),
-    load_not_shown=doubt(
-        "The recordings do not show the load's mass: {mass:.2g} ± {std:.1g} kg. Check which carry it, and on which "
-        "body; turn that about several axes."
-    ),
-    load_changes_friction=remark("Friction is another with the load, and was fitted apart."),
-    load_recordings_differ=remark(
-        "A load on this body leaves a difference of {rms_z:.1f} standard deviations (root mean square) between "
-        "recordings with and without it. Its own are widened by as much. Check the body. Where a cable, an end stop or "
-        "the drives changed, record both kinds again in turn."
-    ),
-)

@@ -1,6 +1,6 @@
 """Residuals over time: how long they stay alike, what the motion explains, and channels that nothing could predict."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy import special
@@ -13,6 +13,7 @@ from ident.mechanism.motion import Motion
 from ident.recordings.resolution import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
 from ident.tolerances import LEFT, POOR, SIGNIFICANT
+from ident.trajectory.fit.fitted import TrajectoryFit
 
 ENOUGH = 3000
 """Largest number of samples, evenly spread, in which residuals are compared with the motion."""
@@ -29,6 +30,9 @@ MOVES = 0.01
 
 STILL = 1e-3
 """Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
+
+FAR_ABOVE = 3.0
+"""Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
 
 
 def coefficients(columns: np.ndarray, target: np.ndarray, rcond: float) -> np.ndarray:
@@ -75,17 +79,14 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     thin = slice(None, None, -(-len(residual) // ENOUGH))
     r = residual[thin] - residual[thin].mean(axis=0)
     spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
-    linear = _linear_functions(motion[thin])
+    own = motion[thin]
+    linear = np.hstack([np.sin(own.q), np.cos(own.q), own.dq, own.ddq])
+    linear = (linear - linear.mean(axis=0)) / np.maximum(linear.std(axis=0), 1e-12)
     first, second = np.triu_indices(linear.shape[1])
     quadratic = np.hstack([linear, linear[:, first] * linear[:, second]])
     bases = [linear, quadratic] if quadratic.shape[1] <= len(r) / 4 else [linear]
     beyond = -float(special.ndtri(SIGNIFICANT / r.shape[1] / len(bases)))
     return np.max([_explained(r, x, spectra, beyond) for x in bases], axis=0)
-
-
-def _linear_functions(motion: Motion) -> np.ndarray:
-    x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
-    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-12))
 
 
 def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:
@@ -150,3 +151,17 @@ def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
     # What is predicted counts, and a larger residual shows a grosser error.
     ratios = zip(equations.channels, held.ratio.tolist(), strict=True)
     return {channel: idle[channel] for channel, ratio in ratios if channel in idle and POOR < ratio <= LEFT}
+
+
+def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
+    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
+    number = len(fit.channel_noise[: len(channels)])
+    fast, floor = fast_noise(fit, range(number)), fit.noises[0].floor_channels[:number]
+    far = fit.channel_noise[:number] > FAR_ABOVE * np.maximum(fast, floor)
+    factors = fit.channel_noise[:number] / np.maximum(fast, 1e-300)
+    return {channels[c]: float(factors[c]) for c in np.flatnonzero(far).tolist()}
+
+
+def fast_noise(fit: TrajectoryFit, columns: Iterable[int]) -> np.ndarray:
+    """Noise of channels from sample to sample (k,)."""
+    return np.array([white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in columns])

@@ -1,20 +1,33 @@
-"""Findings on joint torques: their sign and size, friction, and bodies that were not carried or that fix the scale."""
+"""Findings on joint torques: sign and size, friction, bodies that were not carried, and what else moves the joints.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+Torques that move a joint contain the weight a G and the inertia b D of masses at the centres of the model's bodies:
+
+    τ = a G(q) + b D(q, q̇, q̈) + friction + spring + offset
+
+Bodies with a times the model's first moments and up to k times its masses have b ≥ a² / k; torques with another unit or
+scale b ≥ a / k.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.noise import coefficient_unit
+from ident.geometry.inertia import parameters_from_com
 from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, bracketed, doubt, judged, listed, percent, remark
-from ident.judgement.torque_checks import SLOW, lacking_drives
+from ident.judgement.finding import Finding, Place
+from ident.judgement.residuals import correlated_samples
+from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples, lacking_drives
+from ident.judgement.wording import listed
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
+from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, INTERVAL, LIKELY, SINGULAR
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
@@ -28,37 +41,146 @@ SMOOTH = 0.02
 HALF = np.sqrt(2)
 """Factor on the standard deviation of a scale from which a body fixes it: it brings half of the information."""
 
+DEVIATIONS = 4.0
+"""Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
 
-def bound_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on drives at their bound of zero, with the upper limits of their one-sided intervals."""
-    if not evidence.bounded:
+EXPLAINED, SMOOTHLY = 0.1, 0.01
+"""Largest residual of computed torques over their signal, and largest friction in them over it."""
+
+
+class Parts(NamedTuple):
+    """Weight a and inertia b in a torque, over those of the model's masses.
+
+    Attributes:
+        weight: a.
+        weight_std: Its standard deviation.
+        inertia: b.
+        inertia_std: Its standard deviation.
+    """
+
+    weight: float
+    weight_std: float
+    inertia: float
+    inertia_std: float
+
+    @property
+    def moves(self) -> bool:
+        """False if the inertia is significantly below the least that goes with the weight, the model's without any.
+
+        Inertia far below zero is no lack of it but another error of the model.
+        """
+        weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
+        least = weight * min(weight, 1.0) / LIKELY
+        return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
+
+
+def cause_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on loops that were left out, on joints that something else moves, and on computed torques."""
+    for loop, joints in evidence.mechanism.loops.items():
+        if acting := tuple(joint for joint in joints if joint in evidence.channels):
+            yield Finding.of("loop_left_out", loop=loop, joints=acting)
+    checks = evidence.checks.torques
+    if checks is None:
         return
-    yield Finding.of(
-        "drive_at_bound",
-        # A drive of a log of its own is named `Fc(hip) of log 2`.
-        _place(evidence, (name.partition("(")[2].rpartition(")")[0] for name in evidence.bounded)),
-        at_most={name: most for name, (most, _) in evidence.bounded.items()},
-        units={name: coefficient_unit(name, evidence.mechanism.tree) for name in evidence.bounded},
+    others = {joint: parts._asdict() for joint, parts in torque_parts(evidence).items() if not parts.moves}
+    if others and not checks.grossly_wrong:
+        yield Finding.of("motion_not_by_torques", joints=others)
+    moving = {channel: evidence.ratios[channel] for channel in _torques(evidence) if channel not in evidence.idle}
+    if moving and max(moving.values()) < EXPLAINED:
+        friction = _likely_friction(evidence)
+        if max(friction[channel] for channel in moving) < SMOOTHLY:
+            yield Finding.of("computed_torques", joints=tuple(moving), largest=max(moving.values()))
+
+
+def torque_parts(evidence: Evidence) -> dict[str, Parts]:
+    """Weight and inertia in the torques of a resting base's joints, by joint."""
+    mechanism, samples = evidence.mechanism, inner_samples(evidence.prepared)
+    motion, tree = samples.motion, mechanism.tree
+    if motion.base is not None or mechanism.prior is None:
+        return {}
+    bodies = mechanism.known.reshape(-1, 10)
+    masses = [parameters_from_com(phi[0], phi[1:4] / max(phi[0], 1e-300), np.zeros((3, 3))) for phi in bodies]
+    at_rest = motion.q, 0 * motion.dq, 0 * motion.ddq
+    torques, weight = (
+        joint_torque_regressor(tree, *states, gravity=mechanism.gravity) @ np.concatenate(masses)
+        for states in (motion.states, at_rest)
     )
+    q, axes, out = tree.freedom_coordinates(motion.q), evidence.fit.equations.axes, dict[str, Parts]()
+    for measured, k in zip(samples.measured.T[-len(_torques(evidence)) :], evidence.fit.equations.torques, strict=True):
+        columns = [weight[:, k], torques[:, k] - weight[:, k], q[:, k], *friction_columns(axes, motion, k)]
+        values, std = _regressed(np.stack(columns, axis=1), measured)
+        out[tree.freedoms[k]] = Parts(values[0], std[0], values[1], std[1])
+    return out
 
 
-def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on the velocities below which torques are not judged, and over which friction changes its sign."""
-    joint = evidence.trajectory
-    if joint is None or joint.reversals is None:
+def _regressed(X: np.ndarray, y: np.ndarray) -> tuple[list[float], list[float]]:
+    """Coefficients of columns (N, m) in a signal (N,), with deviations for residuals that are alike for some samples.
+
+    Those of columns that are zero or dependent are large.
+    """
+    norms = np.linalg.norm(X, axis=0)
+    norms = np.where(norms > 0, norms, 1)
+    U, s, Vt = np.linalg.svd(X / norms, full_matrices=False)
+    inverse = 1 / np.maximum(s, SINGULAR * s[0])
+    values = Vt.T @ (np.where(s > SINGULAR * s[0], inverse, 0) * (U.T @ y))
+    left = y - X / norms @ values
+    variance = float(left @ left) / len(y) * correlated_samples(left, 0.999)
+    std = np.sqrt(variance * (Vt.T**2 @ inverse**2))
+    return (values / norms).tolist(), (std / norms).tolist()
+
+
+def _torques(evidence: Evidence) -> tuple[str, ...]:
+    """Names of the channels that are torques."""
+    return evidence.channels[len(evidence.channels) - len(evidence.fit.equations.torques) :]
+
+
+def _likely_friction(evidence: Evidence) -> dict[str, float]:
+    """Largest likely friction in each torque over its signal, or what is left of it if it was not fitted."""
+    fit, samples = evidence.fit, evidence.prepared.samples
+    axes, torques = fit.equations.axes, list(fit.equations.torques)
+    speed = np.sqrt((axes.moved(samples.motion.dq) ** 2).mean(axis=0))
+    rubs = np.zeros(len(speed))
+    for name, value, std in zip(fit.names, fit.values.tolist(), fit.std.tolist(), strict=True):
+        if name in fit.equations.drives and (place := column_place(name))[0] in (*FRICTION, SLOW):
+            most, axis = evidence.bounded.get(name, (abs(value) + INTERVAL * std,))[0], axes.names.index(place[1])
+            rubs[axis] += most * (speed[axis] if place[0] == FRICTION[0] else 1)
+    signal = np.maximum(samples.measured.T[-len(torques) :].std(axis=1), 1e-300)
+    shares = dict(zip(_torques(evidence), (np.abs(axes.matrix[:, torques]).T @ rubs / signal).tolist(), strict=True))
+    left = {c: np.sqrt(evidence.friction.get(c, 0.0)) * evidence.ratios[c] for c in shares}
+    return {channel: max(share, left[channel]) for channel, share in shares.items()}
+
+
+def drive_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remarks on drives at their bound of zero, with upper limits, and on friction that was fitted at low velocity.
+
+    Torques are not judged below some velocity, and Coulomb friction may change its sign over another one.
+    """
+    tree, joint = evidence.mechanism.tree, evidence.trajectory
+    if evidence.bounded:
+        yield Finding.of(
+            "drive_at_bound",
+            # A drive of a log of its own is named `Fc(hip) of log 2`.
+            _place(evidence, (name.partition("(")[2].rpartition(")")[0] for name in evidence.bounded)),
+            at_most={name: most for name, (most, _) in evidence.bounded.items()},
+            units={name: coefficient_unit(name, tree) for name in evidence.bounded},
+        )
+    if joint is None:
         return
-    reversals, equations = joint.reversals, joint.measurement.equations
-    axes, rubs = equations.axes, rubbing(equations)
-    open_ = {axes.names[a]: float(reversals.velocity[a]) for a in rubs if reversals.size[a] > 0}
-    smooth = {
-        axes.names[a]: float(reversals.slip[a]) for a in rubs if reversals.slip[a] > SMOOTH * float(axes.gears[a])
-    }
-    if open_:
-        moved = dict.fromkeys(name for axis in open_ for name in axes.joints_of(axis))
-        at_rest = {name: evidence.at_rest[name] for name in moved if np.isfinite(evidence.at_rest.get(name, np.nan))}
-        yield Finding.of("breakaway_friction", _place(evidence, open_), velocities=open_, at_rest=at_rest)
-    if smooth:
-        yield Finding.of("smooth_coulomb_friction", _place(evidence, smooth), velocities=smooth)
+    if joint.reversals is not None:
+        axes, rubs = joint.measurement.equations.axes, rubbing(joint.measurement.equations)
+        size, slip, velocity = joint.reversals.size, joint.reversals.slip, joint.reversals.velocity
+        open_ = {axes.names[a]: float(velocity[a]) for a in rubs if size[a] > 0}
+        smooth = {axes.names[a]: float(slip[a]) for a in rubs if slip[a] > SMOOTH * float(axes.gears[a])}
+        if open_:
+            moved, at_rest = dict.fromkeys(name for axis in open_ for name in axes.joints_of(axis)), evidence.at_rest
+            known = {name: at_rest[name] for name in moved if np.isfinite(at_rest.get(name, np.nan))}
+            yield Finding.of("breakaway_friction", _place(evidence, open_), velocities=open_, at_rest=known)
+        if smooth:
+            yield Finding.of("smooth_coulomb_friction", _place(evidence, smooth), velocities=smooth)
+    if _searched(evidence):
+        fitted = zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True)
+        if values := {column_place(name)[1]: x for name, x in fitted if name.startswith(f"{DRIVE[SLOW]}(")}:
+            yield Finding.of("low_velocity_friction", _place(evidence, values), values=values)
 
 
 def _place(evidence: Evidence, names: Iterable[str]) -> Place:
@@ -87,8 +209,7 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     scaled = tuple(name for each in evidence.setup if SETUP[each.kind].stated for name in each.place.channels)
     if not scaled or joint is None:
         return
-    torques = equations.channels[len(equations.channels) - len(equations.torques) :]
-    exact = [name for name in torques if name not in scaled]
+    exact = [name for name in _torques(evidence) if name not in scaled]
     bodies = _fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
     reasons = {
         "the measured wrench": equations.wrench is not None,
@@ -98,14 +219,6 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     }
     fixed_by = tuple(reason for reason, holds in reasons.items() if holds)
     yield Finding.of("torque_scale_estimated", joints=scaled, fixed_by=fixed_by)
-
-
-def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on Stribeck friction that was fitted because the recordings ask for it."""
-    fitted = dict(zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True))
-    values = {column_place(name)[1]: x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
-    if values and _searched(evidence):
-        yield Finding.of("low_velocity_friction", _place(evidence, values), values=values)
 
 
 def _searched(evidence: Evidence) -> bool:
@@ -157,66 +270,3 @@ def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known:
     free = np.flatnonzero(fit.free)
     variances = np.diag(inverse_of_precision(precision[np.ix_(free, free)]))
     return np.sqrt(variances[[k in estimate.setup and estimate.setup[k].row.stated for k in free.tolist()]])
-
-
-def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
-    or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
-    return (
-        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains, 'joints')}. Check "
-        f"their unit, gear ratio and motor constant.{or_load}"
-    )
-
-
-def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
-    each = listed((f"{joint} {percent(share)}" for joint, share in shares.items()), "joints")
-    return (
-        f"Friction is likely and was not fitted. It would explain these shares of the residuals' variance: {each}. "
-        f"Fit it: --drive {' '.join(drives)}."
-    )
-
-
-def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
-    each = listed((f"{name} (at most {most:.2g} {units[name]})" for name, most in at_most.items()), "drives")
-    return (
-        f"At {'its' if len(at_most) == 1 else 'their'} bound of zero, 95 % limits in brackets: {each}. Intervals of "
-        "other parameters are those with the drive free."
-    )
-
-
-def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
-    return (
-        "Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
-        f"below, in rad/s (m/s): {bracketed(velocities, 'joints', '.2g')}. Residual over signal there: "
-        f"{bracketed(at_rest, 'joints', '.2g') if at_rest else 'there are no such samples'}."
-    )
-
-
-def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
-    fixed = " and ".join(fixed_by) or "the stated one alone: masses, friction and rotors are as uncertain as that"
-    return f"The scale of the torques of {listed(joints, 'joints')} was estimated. It is fixed by {fixed}."
-
-
-FINDINGS.update(
-    torque_sign=doubt(
-        "The torques of {joints} seem to have the opposite sign: with it they are far nearer to the model's "
-        "prediction. Turn the sign of their columns.",
-        joints="joints",
-    ),
-    torque_scale=doubt(_scaled, joints="gains"),
-    torque_scale_estimated=remark(_basis, channels="joints"),
-    body_not_carried=remark(
-        "Body '{body}' was probably not carried: without it {explained:%} of the torques' squared difference from the "
-        "model vanishes. Base parameters are not affected; take it out of the updated model.",
-        bodies="body",
-    ),
-    friction_not_fitted=judged(_friction, channels="shares"),
-    drive_at_bound=remark(_bound),
-    breakaway_friction=remark(_near_reversals),
-    low_velocity_friction=remark(
-        "Friction is higher at low velocity, in N m (N): {values:joints .2g}. It was fitted as Stribeck friction, Fs."
-    ),
-    smooth_coulomb_friction=remark(
-        "Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {velocities:joints .2g}. It is fitted "
-        "and predicted as Fc tanh(q̇ / v)."
-    ),
-)

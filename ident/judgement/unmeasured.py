@@ -16,8 +16,7 @@ import numpy as np
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import applied, coAd
-from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
-from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
+from ident.judgement.checks import NEAR, ContactCheck, NotCheckedError, check_contact, predicted_wrench, upward
 from ident.recordings.faults import running_median, runs
 from ident.recordings.sampled import Sampled
 from ident.recordings.wrench import GROUND

@@ -10,7 +10,7 @@ Both Y alone and with these columns are fitted to the fitted part by least squar
 angles alone; that of an estimate would already have taken up a part.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ import numpy as np
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
-from ident.judgement.finding import FINDINGS, Finding, Place, doubt, percent
+from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
@@ -96,9 +96,20 @@ class HypothesisFit:
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
-        motions, phi = (self.fitted.motion, self.judged.motion), _bodies(self.equations, self.values)
-        for kind, body, more in _hypotheses(self.equations, phi, motions):
-            yield (kind, body), self.error(more)
+        equations, motions, tree = (
+            self.equations,
+            (self.fitted.motion, self.judged.motion),
+            self.equations.mechanism.tree,
+        )
+        phi, carried = _bodies(equations, self.values), [False] * len(tree.bodies)
+        for i, body in enumerate(tree.bodies):
+            carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
+            if body.moves and body.parent != BASE and body.home[:3, 3].any():
+                yield ("length", body.name), self.error([_length(equations, phi, i, motion) for motion in motions])
+        for k, i in enumerate(tree.inertial):
+            # What pulls rests in the base's axes.
+            if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
+                yield ("force", tree.names[i]), self.error([_force(equations, k, i, motion) for motion in motions])
 
 
 def unmodelled(comparisons: Sequence[HypothesisFit]) -> tuple[Unmodelled, ...]:
@@ -136,22 +147,6 @@ def _bodies(equations: Equations, values: np.ndarray) -> np.ndarray:
     B = equations.parameters.regroup(np.eye(len(known))).T
     links = (values - np.pad(equations.from_drives, (0, len(values)))[: len(values)])[: len(B)]
     return np.asarray(known + np.linalg.lstsq(B, links - B @ known, rcond=None)[0])
-
-
-def _hypotheses(
-    equations: Equations, phi: np.ndarray, motions: Sequence[Motion]
-) -> Iterator[tuple[str, str, list[np.ndarray]]]:
-    """Yields kind, body and columns for each motion (k, N, C)."""
-    tree = equations.mechanism.tree
-    carried = [False] * len(tree.bodies)
-    for i, body in enumerate(tree.bodies):
-        carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
-        if body.moves and body.parent != BASE and body.home[:3, 3].any():
-            yield "length", body.name, [_length(equations, phi, i, motion) for motion in motions]
-    for k, i in enumerate(tree.inertial):
-        # What pulls rests in the base's axes.
-        if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
-            yield "force", tree.names[i], [_force(equations, k, i, motion) for motion in motions]
 
 
 def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np.ndarray:
@@ -193,22 +188,3 @@ def unmodelled_findings(evidence: Evidence) -> Iterator[Finding]:
         causes = [{"kind": each.kind, "body": each.body} for each in alike]
         place = Place(bodies=tuple(dict.fromkeys(each.body for each in alike)))
         yield Finding.of("unmodelled", place, causes=causes, ratio=clear[0].ratio)
-
-
-LACKS = {
-    "force": "a force on '{body}' that changes with its place (cable, spring)",
-    "length": "another distance of the joint of '{body}' from the body that carries it",
-}
-"""Words for the forces and lengths that a model may lack, by kind."""
-
-
-def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
-    first, *others = (LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
-    return (
-        "The model lacks something, which the parameters take up in part. "
-        f"The residual where it is judged would be {percent(1 - ratio)} smaller with {first}."
-        f"{''.join(f' Or it is {other}.' for other in others)} Add it to the model."
-    )
-
-
-FINDINGS.update(unmodelled=doubt(_unmodelled))

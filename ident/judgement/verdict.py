@@ -12,17 +12,15 @@ from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
 from ident.judgement import fit_findings as fit
-from ident.judgement import setup_findings as setup
+from ident.judgement import mass_findings as masses
+from ident.judgement import recording_findings as recorded
 from ident.judgement import torque_findings as torques
-from ident.judgement import weighing
-from ident.judgement import wrench_findings as wrenches
-from ident.judgement.body_findings import consistency_findings, mass_findings
-from ident.judgement.candidates import CANDIDATES, Candidates, candidate_findings
+from ident.judgement.candidates import Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import NAMED, Finding, doubts_first, listed, number_of
-from ident.judgement.torque_causes import cause_findings
+from ident.judgement.finding import Finding, doubts_first
+from ident.judgement.mass_findings import Mass, estimated_mass
 from ident.judgement.unmodelled import unmodelled_findings
-from ident.judgement.weighing import Mass, estimated_mass
+from ident.judgement.wording import CANDIDATES, NAMED, listed, number_of
 from ident.tolerances import POOR, UNEXPLAINED
 
 MOST = 0.75
@@ -278,21 +276,19 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
 
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
-    *(setup.gravity_findings, setup.delay_findings, candidate_findings),
-    *(wrenches.frame_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
-    *(setup.clipped_findings, setup.resolution_findings, setup.tracked_findings),
-    *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
-    *(weighing.offset_findings, torques.torque_findings, cause_findings),
-    *(torques.scale_findings, torques.friction_findings, torques.bound_findings),
-    *(torques.reversal_findings, torques.low_velocity_findings, wrenches.plane_findings),
-    *(fit.quality_findings, setup.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
+    *(recorded.gravity_findings, recorded.delay_findings, candidate_findings),
+    *(recorded.frame_findings, recorded.contact_findings, recorded.unmeasured_findings),
+    *(recorded.clipped_findings, recorded.resolution_findings, recorded.tracked_findings),
+    *(masses.weight_findings, masses.offset_findings, torques.torque_findings, torques.cause_findings),
+    *(torques.scale_findings, torques.friction_findings, torques.drive_findings, recorded.plane_findings),
+    *(fit.quality_findings, recorded.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
     *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
-    *(fit.posture_findings, weighing.inseparable_findings, setup.stuck_findings, setup.unchecked_findings),
+    *(fit.posture_findings, masses.inseparable_findings, recorded.stuck_findings, recorded.unchecked_findings),
     fit.caveats,
 )
 """Judges of the fit, in the order of their findings."""
 
-ON_BODIES: Sequence[Callable[[Evidence], Iterator[Finding]]] = (mass_findings, consistency_findings)
+ON_BODIES: Sequence[Callable[[Evidence], Iterator[Finding]]] = (masses.mass_findings, masses.consistency_findings)
 """Judges of the updated model."""
 
 

@@ -40,6 +40,12 @@ class Tree:
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
                 raise ModelError(f"A tree needs a name of its own for every {what}; '{twice}' occurs twice.")
+        turns = {name: body.joint for body in self.bodies if body.is_ball for name in body.freedom_names}
+        if alike := [joint for joint in joints if joint in turns]:
+            raise ModelError(
+                f"The ball joint '{turns[alike[0]]}' has a rotation '{alike[0]}', and another joint has that name; "
+                "rename one of the two joints."
+            )
         for i, body in enumerate(self.bodies):
             if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
                 raise ModelError(

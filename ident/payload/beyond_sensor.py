@@ -27,7 +27,7 @@ from ident.files.table import BASE
 from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.geometry.se3 import hat
 from ident.identification import identified
-from ident.judgement.gravity import AWAY, AXIS, rpy_deg
+from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.identified_payload import SIZE, Payload, pose_of_body
 from ident.recordings.recording import Recording

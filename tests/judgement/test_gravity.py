@@ -11,7 +11,7 @@ import ident
 from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import prepared
-from ident.judgement.gravity import gravity_check
+from ident.judgement.model_fit import gravity_check
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording

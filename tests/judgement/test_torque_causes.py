@@ -1,6 +1,7 @@
-"""Torques that are not what moves the joints: a hand, overridden commands, loops left out, and computed torques."""
+"""Torques that are not what moves the joints: a hand, commands, loops, computed torques; loads beside other units."""
 
 from dataclasses import replace
+from functools import cache
 
 import driven_arm
 import mujoco
@@ -9,8 +10,10 @@ import pytest
 from coded import coded
 
 import ident
+import scenes
 import sim
 from ident.setup import PRIORS
+from sim.motion.excitation import Trapezoids
 
 JOINTS = driven_arm.JOINTS
 EXACT = dict.fromkeys(PRIORS, 0.0)
@@ -94,3 +97,47 @@ def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
     assert not coded(without, "loop_left_out")
     ground = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
     assert not coded(ident.identify(mechanism, ident.Recording(t, channels | ground), **options), "loop_left_out")
+
+
+OF_TORQUES = ("torque_sign", "torque_scale", "body_not_carried")
+
+
+@cache
+def scene_arm():
+    return sim.mechanism(scenes.load("arm"), base="base")
+
+
+@cache
+def scene_log():
+    """Angles, torques and the plate's wrench."""
+    motion = Trapezoids.drawn(np.random.default_rng(0), 4, 8)
+    return sim.simulate(scenes.load("arm"), motion, samples=700)
+
+
+def identified(*, light=False, factor=1.0):
+    """Estimate with a model whose last body has half of its mass, and with torques times a factor."""
+    known = scene_arm().known.reshape(-1, 10).copy()
+    known[-1] *= 0.5 if light else 1.0
+    log = scene_log()
+    measured = {name: (factor if name in torques() else 1.0) * x for name, x in log.measured.items()}
+    return ident.identify(replace(scene_arm(), prior=known.ravel()), replace(log, measured=measured))
+
+
+def torques():
+    return [f"{joint}_torque" for joint in scene_arm().tree.joints]
+
+
+@pytest.mark.slow
+def test_right_torques_of_a_model_with_too_light_a_tool_are_no_finding():
+    estimate = identified(light=True)
+    assert estimate.verdict().usable and not coded(estimate, *OF_TORQUES, "setup_gain")
+    (mass,) = [each for each in estimate.parameters if each.name == "m1"]
+    assert mass.estimate == pytest.approx(14.8, abs=0.05)
+
+
+@pytest.mark.slow
+def test_torques_that_are_a_seventh_too_large_are_a_finding_beside_a_plate():
+    estimate = identified(light=True, factor=1.15)
+    gains = {each.place.channels[0]: each.values["value"] for each in coded(estimate, "setup_gain")}
+    assert set(gains) <= {"turn", "shoulder", "elbow", "wrist"} and len(gains) >= 2
+    assert all(0.08 < gain < 0.18 for gain in gains.values()) and not coded(estimate, *OF_TORQUES)

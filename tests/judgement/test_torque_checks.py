@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import wrist
 from coded import coded
+from scipy import signal
 
 import ident
 import sim
 from ident.estimation.preparation import prepared
-from ident.judgement.torque_checks import torque_checks
-from ident.judgement.torque_findings import torque_findings
+from ident.judgement import torque_findings as judges
+from ident.judgement.torque_checks import friction_shares, torque_checks
+from ident.model.axes import Axes
 from ident.setup import PRIORS
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
@@ -76,7 +78,7 @@ def test_a_heavy_load_is_no_factor_although_one_explains_some_torques(friction):
     assert any(check.scaled for check in result.joints)
     assert result.load.body in ("tool", "link7") and result.load.better and result.load.against_factors < 0.1
     assert not result.gains and not result.grossly_wrong
-    (finding,) = torque_findings(evidence_of(checks(load=40.0)))
+    (finding,) = judges.torque_findings(evidence_of(checks(load=40.0)))
     # More than the whole arm: a load explains the torques far better, but the unit may be wrong as well.
     assert finding.code == "torque_scale" and finding.values["load"] in ("tool", "link7")
 
@@ -101,3 +103,92 @@ def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without
     assert not coded(estimate, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
     assert estimate.disagreement < 1.5
     assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
+
+
+@cache
+def fitted():
+    return ident.identify(arm(), log(seconds=6, rate=50), drive=(), estimator="weighted", cutoff=8.0)
+
+
+def shares_of(residual):
+    """Shares for predicted torques and a residual (N, 7)."""
+    fit, samples = fitted().fit, fitted().prepared.samples
+    right = samples.measured - fit.residual(samples)
+    return np.array(list(friction_shares(fit, replace(samples, measured=right + residual)).values()))
+
+
+@pytest.mark.parametrize(("rho", "most"), [(0.0, 0.01), (0.9, 0.06)])
+def test_noise_is_not_taken_for_friction(rho, most):
+    """The share that two columns explain by chance is subtracted; it is larger for correlated noise."""
+    rng, size = np.random.default_rng(0), fitted().prepared.samples.measured.shape
+    shares = np.concatenate(
+        [shares_of(signal.lfilter([1], [1, -rho], rng.normal(size=size), axis=0)) for _ in range(6)]
+    )
+    assert 0.35 < np.mean(shares == 0) < 0.75
+    assert shares.mean() < most
+
+
+def axes(joints, **motors):
+    """Axes of joints, and of motors with their rows."""
+    rows = np.array(list(motors.values()), float).reshape(-1, len(joints))
+    return Axes(joints, tuple(motors), rows, (), np.zeros((0, len(joints))))
+
+
+def estimate(share, ratio, drives=()):
+    """An estimate of two torques, with a share of the second's residual that friction would explain."""
+    channels = ("joint1", "joint2")
+    return SimpleNamespace(
+        fit=SimpleNamespace(equations=SimpleNamespace(drives=drives, axes=axes(channels), channels=channels)),
+        channels=channels,
+        ratios=dict.fromkeys(channels, ratio),
+        friction={"joint1": 0.0, "joint2": share},
+        model_error=np.array([0.0, share]),
+        trajectory=SimpleNamespace(),
+        logs=(),
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "ratio", "worth_it"), [(0.25, 0.025, True), (0.15, 0.025, False), (0.25, 0.015, False)]
+)
+def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
+    """A residual of a hundredth of the signal may correlate with the velocity."""
+    (finding,) = list(judges.friction_findings(estimate(share, ratio))) or [None]
+    assert (finding is not None) == worth_it
+    if finding:
+        assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
+        assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
+
+
+def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
+    """Findings on two torques of which the second's joint, or the first motor, has friction."""
+    result = estimate(0.0, 0.1)
+    equations = result.fit.equations
+    equations.axes = axes(equations.channels, **motors)
+    rubs = 2 if motors else 1
+    monkeypatch.setattr(judges, "rubbing", lambda equations: (rubs,))
+    sizes, velocities, slips = np.zeros(rubs + 1), np.ones(rubs + 1), np.zeros(rubs + 1)
+    sizes[rubs], velocities[rubs], slips[rubs] = size, 0.05, slip
+    result.trajectory = SimpleNamespace(
+        reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
+        measurement=SimpleNamespace(equations=equations),
+    )
+    result.mechanism, result.bounded, result.logs = arm(), {}, ()
+    result.at_rest = {"joint1": np.nan, "joint2": at_rest}
+    return list(judges.drive_findings(result))
+
+
+def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
+    (finding,) = reversals(monkeypatch, left=[1.0, 2.0])
+    assert finding.place.joints == ("joint1", "joint2")
+    assert finding.values == {"velocities": {"left": 0.05}, "at_rest": {"joint2": 0.4}}
+    (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
+    assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
+    assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])
+
+
+def test_a_drive_at_its_bound_in_one_log_is_of_its_joint():
+    result = estimate(0.0, 0.1)
+    result.mechanism, result.trajectory, result.bounded = arm(), None, {"Fc(joint2) of log 2": (0.1, 0.05)}
+    (finding,) = judges.drive_findings(result)
+    assert finding.place.joints == ("joint2",) and finding.values["units"] == {"Fc(joint2) of log 2": "N m"}

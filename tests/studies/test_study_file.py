@@ -127,6 +127,7 @@ def toml(values):
         ),
         ('model = "double_pendulum"', 'model = "arm.xml"', "scene.model 'arm.xml' does not exist"),
         ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle; got wall"),
+        ('ignore = "all"', 'ignore = ["all"]', 'models.known.ignore needs "all" as a text, not in a list'),
         ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),
         ("ground_force", "force", "The scene has no sensor 'force' to be noisy; it has ground_force"),
         ('axes = "true"', 'axes = "guessed"', "axes needs one of drawn, recovered, true, searched; got guessed"),

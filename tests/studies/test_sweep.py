@@ -41,15 +41,15 @@ def test_a_study_file_states_a_sweep(tmp_path, capsys):
     assert (tmp_path / "out" / "summary.json").exists()
     for wrong, message in (
         ('option = "tilt_deg"', "sweep.option needs one of samples, noise_scale"),
-        ('option = "samples"', "sweep.values needs a whole number, got 2.5"),
+        ('option = "samples"', "sweep.values needs a whole number of at least 1, got 0"),
+        ("values = [-5]", "sweep.values needs a number of at least 0, got -5"),
         ("seeds = 0", "sweep.seeds needs a whole number of at least 1, got 0"),
         ("more = 1", "[sweep] has no entry 'more'"),
     ):
         text = (tmp_path / "own.toml").read_text(encoding="utf-8")
         key = wrong.partition(" ")[0]
-        found = next(
-            (part for part in ('option = "noise_scale"', "seeds = 2") if part.startswith(key)), 'numbers = ["rank_one"]'
-        )
+        parts = 'option = "noise_scale"', "values = [0, 1, 2.5]", "seeds = 2"
+        found = next((part for part in parts if part.startswith(key)), 'numbers = ["rank_one"]')
         (tmp_path / "wrong.toml").write_text(text.replace(found, wrong), encoding="utf-8")
         assert message in refusal(own_study.main, [str(tmp_path / "wrong.toml"), *given[1:]], capsys)
 
@@ -85,8 +85,8 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
 @pytest.mark.usefixtures("undrawn", "here")
 @pytest.mark.slow
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
-    out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
-    sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1.0."
+    out = run(tmp_path, over=("noise_scale", "1", "2000"), seeds=1)
+    sentence = "noise_scale 2000.0, seed 0: The noise scale must be from 0 to 1000, got 2000.0."
     printed = capsys.readouterr().err
     assert f"Refused: {sentence}\n" in printed and FORMER in printed
     assert json.loads((out / "sweep.json").read_text())["runs"][1]["refused"] == sentence
@@ -101,10 +101,13 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     [
         (["pendulum", "--over", "samples", "100"], "invalid choice: 'pendulum'"),
         (["multicontact", "--over", "tilt_deg", "5"], "needs one of samples, contact, noise_scale; got tilt_deg"),
-        (["multicontact", "--over", "samples", "100", "many"], "sweep.values needs a whole number, got many"),
+        (
+            ["multicontact", "--over", "samples", "100", "many"],
+            "needs a whole number of at least 1, got many",
+        ),
         (["multicontact", "--over", "samples"], "needs one value or more, all different, got []"),
         (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got [1.0, 1.0]"),
-        (["multicontact", "--over", "samples", "0"], "refuses every run: samples 0, seed 0: A recording needs"),
+        (["multicontact", "--over", "samples", "1"], "refuses every run: samples 1, seed 0: "),
         (
             ["multicontact", "--over", "samples", "100", "--numbers", "x"],
             "sweep.numbers needs names of condition_number",

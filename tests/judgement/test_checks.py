@@ -1,3 +1,7 @@
+"""Wrenches against the model, residuals against the motion, and channels that a verdict does not count."""
+
+from types import SimpleNamespace
+
 import driven_arm
 import numpy as np
 import pytest
@@ -5,7 +9,8 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
 from scipy import signal
 
 from ident.estimation.equations import COMPONENTS
-from ident.judgement import diagnosis, residuals
+from ident.judgement import checks, model_fit, residuals
+from ident.judgement.residuals import idle_channels, still_channels
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
@@ -22,7 +27,7 @@ def turned(wrench, R):
 
 
 def test_there_are_24_right_angled_rotations():
-    turns = diagnosis.right_angled_rotations()
+    turns = model_fit.right_angled_rotations()
     assert len(turns) == len({R.tobytes() for R in turns}) == 24
     np.testing.assert_array_equal(turns[0], np.eye(3))
     assert all(np.linalg.det(R) == 1 for R in turns)
@@ -31,9 +36,9 @@ def test_there_are_24_right_angled_rotations():
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("k", range(0, 24, 3))
 def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
-    R = diagnosis.right_angled_rotations()[k]
+    R = model_fit.right_angled_rotations()[k]
     noisy = WRENCH + RNG.normal(size=WRENCH.shape)
-    check = diagnosis.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
+    check = checks.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
     assert check.sign == sign
     np.testing.assert_array_equal(check.rotation, R)
     assert check.suspicious == (k > 0 or sign < 0)
@@ -45,7 +50,7 @@ def test_a_missing_contact_is_found(body):
     force = RNG.normal(size=(300, 3))
     poses = TREE.poses(STATES[0])[:, body] @ np.block([[np.eye(3), point[:, None]], [np.zeros(3), 1]])
     residual = transform_wrench(poses, np.hstack([force, np.zeros((300, 3))]))
-    check = diagnosis.check_contact(TREE, STATES[0], residual)
+    check = checks.check_contact(TREE, STATES[0], residual)
     assert check.body == TREE.names[body]
     np.testing.assert_allclose(check.point, point, atol=1e-9)
     assert check.explained > 1 - 1e-12
@@ -84,8 +89,37 @@ def test_one_component_of_the_opposite_sign_is_mirrored_and_all_of_them_are_an_o
     # Another arm than the model's, a sensor that is not tared, and noise.
     measured = 1.2 * predicted + np.array([2, -3, 0, 1, 1, -1]) + rng.normal(scale=0.5, size=predicted.shape)
     signs = 1 - 2 * (np.arange(6) == component)
-    check = diagnosis.check_frame(measured * signs, predicted, np.eye(3))
+    check = checks.check_frame(measured * signs, predicted, np.eye(3))
     assert check.mirrored == (COMPONENTS[component],) and not check.suspicious
     for whole in (np.ones(6), -np.ones(6), np.array([1, -1, -1, 1, -1, -1])):
-        check = diagnosis.check_frame(measured * whole, predicted, np.eye(3))
+        check = checks.check_frame(measured * whole, predicted, np.eye(3))
         assert not check.mirrored and check.suspicious == bool((whole < 0).any())
+
+
+def idle(size, rough, ratio, *, still=False):
+    """Reasons of the arm's torques, whose first joint moves by a size, with rough or smooth residuals."""
+    rng, t = np.random.default_rng(0), np.arange(1000) / 100
+    q = np.sin(np.outer(t, [1.0, 1.3, 1.7])) * [size / 2, 1, 1]
+    residual = np.where(rough, rng.normal(size=q.shape), np.sqrt(2) * np.sin(np.outer(t, [2.0, 3.0, 4.0])))
+    equations = SimpleNamespace(channels=driven_arm.JOINTS, torques=(0, 1, 2))
+    held = SimpleNamespace(
+        fit=SimpleNamespace(equations=equations),
+        samples=SimpleNamespace(motion=Motion(q, 0 * q, 0 * q), measured=q),
+        residual=residual,
+        starts=(0, 500),
+        rms=np.sqrt((residual**2).mean(axis=0)),
+        ratio=np.array(ratio),
+    )
+    recording = SimpleNamespace(still=still)
+    return idle_channels(held, SimpleNamespace(mechanism=driven_arm.mechanism(), frame=np.eye(4), recording=recording))
+
+
+def test_a_torque_of_a_joint_at_rest_and_one_of_noise_do_not_count():
+    assert idle(1e-3, [False, False, True], [0.95, 0.95, 0.95]) == {"turn": "rest", "bend": "noise"}
+    assert idle(1.0, [False, True, True], [0.95, 0.95, 0.4]) == {"lift": "noise"}
+    assert not idle(1.0, [False, True, True], [0.95, 0.95, 0.4], still=True)
+
+
+def test_a_component_that_the_model_does_not_change_is_of_a_wrench():
+    changes = {"Fx": 1e-9, "Fy": 5.0, "Fz": 8.0, "Mx": 0.2, "My": 1e-5, "Mz": 0.0}
+    assert set(still_channels(changes)) == {"Fx", "My", "Mz"} and still_channels({"Fz": 0.0}) == {"Fz": "still"}
