@@ -138,7 +138,7 @@ def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
             "--base-rpy" in action.option_strings for group in parser._action_groups for action in group._group_actions
         )
     parser = argparse.ArgumentParser()
-    options.add_mechanism(parser)
+    options.add(parser, options.MECHANISM)
     args = parser.parse_args(["--base-rpy", "180", "0", "-90"])
     assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
     with pytest.raises(SystemExit):

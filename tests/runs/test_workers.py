@@ -116,7 +116,7 @@ def variables_of(monkeypatch):
         for name, value in own.items():
             monkeypatch.setenv(name, value)
         during = {}
-        parser = options.plain_parser("any", None)
+        parser = options.parser("any", None, {})
         assert running.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
         assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
         return {name: during[name] for name in NAMES if name in during}
