@@ -6,6 +6,7 @@ pendulum the limits are those of the paper's excitation, and the design is compa
 """
 
 import argparse
+from dataclasses import fields, replace
 from pathlib import Path
 
 import scenes
@@ -23,18 +24,16 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import excite_report
-    from experiments.studies.designed_excitation import Bounds, designed, problem_of
+    from experiments.studies.designed_excitation import Search, designed, problem_of
 
     options.check_model(args.model, scenes.NAMES)
     kinds = {**options.of_model(args), "drive": options.drives(args.drive)}
     kinds |= {key: getattr(args, key) for key in ("joints", "sensors", "noise")}
-    search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
-    search |= {key: getattr(args, key) for key in ("floor", "log", "columns")}
-    search |= {"bounds": Bounds(args.position, args.margin, args.velocity, args.acceleration)}
-    search |= {"clearance": None if args.collisions == "ignore" else args.clearance}
     if args.floor is not None and args.collisions == "ignore":
         raise InputError("--floor belongs to --collisions avoid; leave one of them out.")
-    design = designed(problem_of(args.model, **kinds), args.model, **search)
+    search = Search(**{each.name: getattr(args, each.name) for each in fields(Search)})
+    search = replace(search, clearance=None) if args.collisions == "ignore" else search
+    design = designed(problem_of(args.model, **kinds), args.model, search)
     source = {"series": design.series, "base_parameters": list(design.problem.parameters.names)}
     document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
     write(document, options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])

@@ -52,8 +52,14 @@ def short(monkeypatch):
     """Replaces the trajectory estimate by quick estimators: half a minute of work in a second."""
     some = {name: CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
     cheap = {
-        "pendulum": {"ordinary": ESTIMATORS["pendulum"]["ordinary"], "trajectory": estimators.commanded_instruments},
-        "person": {"usual_filter": estimators.usual_filter, "trajectory": estimators.usual_filter},
+        "pendulum": {
+            "ordinary": ESTIMATORS["pendulum"]["ordinary"],
+            "trajectory": ESTIMATORS["pendulum"]["instruments"],
+        },
+        "person": {
+            "usual_filter": ESTIMATORS["person"]["usual_filter"],
+            "trajectory": ESTIMATORS["person"]["usual_filter"],
+        },
     }
     for module in (noise, counts):
         monkeypatch.setattr(module, "CONDITIONS", some)
