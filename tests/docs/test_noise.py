@@ -51,15 +51,10 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
 def short(monkeypatch):
     """Replaces the trajectory estimate by quick estimators: half a minute of work in a second."""
     some = {name: CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
+    pendulum, person = ESTIMATORS["pendulum"], ESTIMATORS["person"]["usual_filter"]
     cheap = {
-        "pendulum": {
-            "ordinary": ESTIMATORS["pendulum"]["ordinary"],
-            "trajectory": ESTIMATORS["pendulum"]["instruments"],
-        },
-        "person": {
-            "usual_filter": ESTIMATORS["person"]["usual_filter"],
-            "trajectory": ESTIMATORS["person"]["usual_filter"],
-        },
+        "pendulum": {"ordinary": pendulum["ordinary"], "trajectory": pendulum["instruments"]},
+        "person": {"usual_filter": person, "trajectory": person},
     }
     for module in (noise, counts):
         monkeypatch.setattr(module, "CONDITIONS", some)
@@ -83,6 +78,6 @@ def test_the_command_writes_tables(tmp_path, capsys):
 @pytest.mark.slow
 def test_processes_share_the_work(tmp_path):
     """Python does not give the functions of a package's `__main__` to other processes."""
-    command = [sys.executable, "-m", "docs.tools.noise", "--out", tmp_path, "--recordings", "2", "--workers", "2"]
+    command = [sys.executable, "-m", "docs.tools.noise", "--out", tmp_path, "--recordings", "2", "--workers", "1"]
     subprocess.run([*command, "--conditions", "short"], check=True, capture_output=True)
     assert (tmp_path / "table_coverage.csv").exists()

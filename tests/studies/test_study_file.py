@@ -190,8 +190,6 @@ def test_whatever_stands_in_a_file_is_understood_or_refused(text, tmp_path):
     assert refused > 400
 
 
-def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
-    message = refusal(study.main, [str(tmp_path / "absent.toml")], capsys)
-    assert "misaligned, multicontact, several_contacts come with this package" in message
+def test_trials_need_models(capsys, tmp_path):
     path = str(written(tmp_path, OWN))
     assert "--trials needs [trials]" in refusal(study.main, [path, "--trials", "2", "--out", str(tmp_path)], capsys)

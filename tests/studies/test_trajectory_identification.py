@@ -61,13 +61,6 @@ def test_clean_recordings_are_usable_and_nothing_is_found():
         ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
         pytest.param({"fast": 0.005}, "clock(ground)", -0.005, "% fast", marks=pytest.mark.slow),
         pytest.param({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z", marks=pytest.mark.slow),
-        pytest.param(
-            {"turn": (0, 0, 3)},
-            "rotation_z(ground)",
-            np.radians(3),
-            "a turn of all joint axes about z",
-            marks=pytest.mark.slow,
-        ),
         ({"gravity": 2}, "gravity_x", np.radians(2), "Gravity is tilted by"),
         pytest.param(
             {"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads", marks=pytest.mark.slow
@@ -158,23 +151,19 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     assert 4 in finding["logs"]
 
 
-def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
-    path, planar = tmp_path / "log.csv", tmp_path / "planar.csv"
+def test_logs_have_the_same_channels_and_own_what_logs_can_have():
     recording = shortened(faulty(), 300)
-    recording.save(path)
     force = recording["ground_force"].copy()
     force[:, 1] = 7
-    replace(recording, measured={**recording.measured, "ground_force": force}).save(planar)
-    given = [str(MODEL), "--base", "base", "--out", str(tmp_path / "out")]
-    assert "one of them is given twice" in refusal(identify.main, [*given, str(path), str(path)], capsys)
-    message = refusal(identify.main, [*given, str(path), str(planar)], capsys)
-    assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in message
-    with pytest.raises(ident.InputError, match="own needs a list out of offset, friction, delay, lag; got clock"):
-        ident.identify(PENDULUM, [recording, recording], own=["clock"])
-    with pytest.raises(ident.InputError, match="Only the trajectory estimate"):
-        ident.identify(PENDULUM, recording, estimator="ordinary", own=["delay"])
-    with pytest.raises(ident.InputError, match="at least one recording"):
-        ident.identify(PENDULUM, [])
+    planar = replace(recording, measured={**recording.measured, "ground_force": force})
+    for logs, options, message in (
+        ([recording, planar], {}, "A log to fit besides the first needs the channels Fx, Fy, Fz"),
+        ([recording, recording], {"own": ["clock"]}, "own needs a list out of offset, friction, delay, lag; got clock"),
+        (recording, {"estimator": "ordinary", "own": ["delay"]}, "Only the trajectory estimate"),
+        ([], {}, "at least one recording"),
+    ):
+        with pytest.raises(ident.InputError, match=message):
+            ident.identify(PENDULUM, logs, **options)
 
 
 def one_joint_moves(seed=0):
