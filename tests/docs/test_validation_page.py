@@ -29,24 +29,6 @@ def test_the_summaries_are_those_of_the_run_on_record(name, shown):
         assert f"<!-- {block_name} -->\n{content}<!-- end {block_name} -->" in text
 
 
-def test_the_page_says_where_it_loses(shown):
-    losing = [each.entry.title for each in shown if (each.against_best > 1.05).any()]
-    worse = block("validation.md", "worse")
-    assert losing and all(
-        f"| {title} | {channel} | {own:.3f} |" in worse for title, (channel, own, *_) in _losses(shown)
-    )
-    assert {title for title, _ in _losses(shown)} == set(losing)
-    for each in shown:
-        for name, z in each.outside.items():
-            assert f"{each.entry.title} {name} (z {z:+.1f})" in worse
-        for goal in each.goals:
-            assert goal.met or f"| {each.entry.title} | {goal.what} |" in worse
-
-
-def _losses(shown):
-    return [(each.entry.title, loss) for each in shown for loss in each.losses]
-
-
 def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):
     numbers = json.loads(page(validation_blocks.FILE))
     for folder in ("docs", "results/validate"):

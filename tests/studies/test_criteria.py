@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 import scenes
+from experiments.data import paper
 from experiments.studies import criteria, excitation_problem
 from experiments.studies.excitation_problem import SLIP, drive_signals
 from ident.estimation.equations import Equations
@@ -138,9 +139,11 @@ def test_columns_are_the_torques_of_unit_drives():
     assert Y.shape == (len(motion), 3, len(design.names))
 
 
-@pytest.mark.parametrize("criterion", ["deviations", "determinant", "condition"])
-def test_derivatives_are_differences(criterion):
-    design, motion, step = driven(ALL), random_motion(), 1e-6
+@pytest.mark.parametrize("samples", [40, 3])
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
+def test_derivatives_are_differences(criterion, samples):
+    """With few samples, some combinations are not excited."""
+    design, motion, step = driven(ALL), random_motion(samples), 1e-6
     cost = criteria.cost(design, criterion, 1000)
     _, derivatives = cost(*motion.states)
     rng = np.random.default_rng(1)
@@ -148,4 +151,4 @@ def test_derivatives_are_differences(criterion):
         direction = rng.normal(size=motion.q.shape)
         moved = [[x + sign * step * direction * (k == which) for k, x in enumerate(motion.states)] for sign in (1, -1)]
         difference = (cost(*moved[0])[0] - cost(*moved[1])[0]) / (2 * step)
-        assert (derivatives[which] * direction).sum() == pytest.approx(difference, rel=1e-4)
+        assert (derivatives[which] * direction).sum() == pytest.approx(difference, rel=1e-3, abs=1e-6)

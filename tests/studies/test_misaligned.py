@@ -36,7 +36,7 @@ COLUMNS = [
 
 @pytest.fixture(scope="module")
 def study():
-    return packaged_study("misaligned")
+    return packaged_study("misaligned", seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def results(tmp_path_factory, study):
     out, trajectory = tmp_path_factory.mktemp("results") / "new" / "folder", study.trajectory
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(simulation.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
-        assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS]) == 0
+        assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     return out
 
 
@@ -55,7 +55,7 @@ def test_everything_is_written(results):
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
     origin = json.loads((results / "provenance.json").read_text())
-    own = {"seed": 0, "samples": 943, "tilt_deg": 5.0, "azimuth_deg": 120.0, "noise_scale": 1.0}
+    own = {"seed": 3, "samples": 943, "tilt_deg": 5.0, "azimuth_deg": 120.0, "noise_scale": 1.0}
     assert origin["options"] == own | {"formats": list(paper.FORMATS)}
     assert len(origin["recording"]["scene_sha256"]) == 64
     assert "joint angles and wrenches alone" in origin["estimators"]["trajectory"]
@@ -85,8 +85,6 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
     joint, k = study.trajectory("full_on_table"), study.fit("full_on_table").base.names.index("Ixx2")
     assert abs(joint.error[k]) < 4 * joint.std[k]
     assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
-    # It does not know that axes are tilted.
-    assert abs(study.trajectory("simplified").error).max() > 0.5
     # Errors are within the standard deviation and the effect of a hundredth of a degree of the recovered axes.
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
 
@@ -108,7 +106,7 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
     trajectory = study.trajectory
     monkeypatch.setattr(simulation.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
-    assert misaligned.main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
     files = [file for file in tmp_path.iterdir() if file.name not in ("provenance.json", "report.html")]
     assert {file.suffix for file in files} == {".csv", ".md", ".tex", ".png", ".json", ".npz"}
     for file in files:
@@ -194,3 +192,7 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
     trial = trajectory_fit(known, recording, study.fit("full_on_table").base)
     np.testing.assert_array_equal(trial.psi, study.trajectory("full_on_table").psi)
     np.testing.assert_array_equal(trial.std, study.trajectory("full_on_table").std)
+
+
+def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
+    assert abs(study.trajectory("simplified").error).max() > 0.5

@@ -121,3 +121,8 @@ def test_two_contacts_touch_at_the_same_time():
     assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
     assert pad[2:4] == (touching.mean(), 0)
     assert summary["tracking_error_rad"] < 0.03
+
+
+@pytest.mark.parametrize("contact", ["pad"], indirect=True)
+def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_knots(result):
+    assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4

@@ -1,7 +1,6 @@
 """Results of `identify` for recordings with noisy joints and small set-up errors."""
 
 import json
-import re
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.judgement.fit_findings import FAR_APART
-from ident.trajectory.angles_alone import UNSETTLED
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
@@ -78,14 +76,6 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words)
     assert estimate.verdict().usable
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", [{"origin": (0.05, 0, 0)}, {"zero": (0, 3)}])
-def test_what_cannot_be_told_is_in_the_second_interval(fault):
-    estimate = ident.identify(PENDULUM, shortened(faulty(3, **fault), 600))
-    assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
-    assert estimate.setup or (abs(estimate.psi - TRUTH) > 10 * estimate.std).any()
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [shortened(faulty(), 600)])
@@ -110,27 +100,6 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     ):
         (tmp_path / "columns.toml").write_text(wrong, encoding="utf-8")
         assert message in refusal(identify.main, [*given, "--out", str(tmp_path / "none")], capsys)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_several_logs_share_parameters_and_have_delays_of_their_own(tmp_path, capsys):
-    delays = (0.0, 0.02, 0.05)
-    logs = [shortened(faulty(seed, delay=delay), 400) for seed, delay in enumerate(delays)]
-    estimate = by_command(tmp_path, logs, "--base", "base", "--own", "delay", "offset")
-    estimated = {each["name"]: each for each in estimate["setup"]}
-    assert set(estimated) == {"delay(ground) of log 2", "delay(ground) of log 3"}
-    for number, delay in enumerate(delays[1:], start=2):
-        each = estimated[f"delay(ground) of log {number}"]
-        assert abs(each["value"] - delay) < 3 * each["std"] and f"in log {number}" in each["text"]
-        assert each["place"] == {"wrenches": ["ground"], "log": number - 1}
-    assert (distances(estimate, "std") < 4).all()
-    alone = ident.identify(PENDULUM, logs[0])
-    assert np.median(np.array(estimate["std"][: len(TRUTH)]) / alone.std) < 0.8
-    # Each log is predicted from the others, entirely except for its ends.
-    judged = int(re.search(r"(\d+) held out", capsys.readouterr().out)[1])
-    assert judged == pytest.approx(sum(len(log.time) - 200 * UNSETTLED for log in logs), abs=6)
-    assert max(each["ratio"] for channel, each in estimate["held_out"].items() if channel != "Fx") < 0.5
 
 
 @pytest.mark.slow
