@@ -38,10 +38,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"Everything on one page: {args.out / 'index.html'}")
 
 
-OPTIONS: options.Options = {
-    **options.output("results", *options.PRINTED),
-    **options.TRIALS,
-}
+OPTIONS: options.Options = {**options.output("results", *options.PRINTED), **options.TRIALS}
 """Options of the command."""
 
 parser, main = running.command(__name__, "experiments", __doc__, run, OPTIONS)

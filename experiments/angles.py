@@ -68,10 +68,7 @@ OPTIONS: options.Options = {
             "another trial to find them from, as one that stands still in several postures",
             {**options.FILE, "metavar": "MARKERS"},
         ),
-        "--mass": (
-            "mass of the whole scaled model, by default as it is",
-            {"type": options.POSITIVE, "metavar": "KG"},
-        ),
+        "--mass": ("mass of the whole scaled model, by default as it is", {"type": options.POSITIVE, "metavar": "KG"}),
     },
 }
 """Options of the command."""

@@ -57,10 +57,7 @@ OPTIONS: options.Options = {
         "2 mm on skin that moves",
         {"dest": "source", "choices": ("angles", "correlated", "markers"), "default": "angles"},
     ),
-    "--noise": (
-        "standard deviation of angles not from markers, degrees, by default 0.5",
-        {"type": options.NUMBER},
-    ),
+    "--noise": ("standard deviation of angles not from markers, degrees, by default 0.5", {"type": options.NUMBER}),
     "--persons": (
         "persons, each with other motions, noise and another wrong prior, of whom it is counted how often "
         "intervals hold, in place of the results of one person",

@@ -69,10 +69,7 @@ OPTIONS: options.Options = {
         "MJCF or URDF file of the robot; left out for a body alone, whose pose is [base] of the columns file",
         options.FILE,
     ),
-    "logs": (
-        f"joint angles and the sensor's readings: {options.LOGS}",
-        {"type": Path, "nargs": "*", "metavar": "log"},
-    ),
+    "logs": (f"joint angles and the sensor's readings: {options.LOGS}", {"type": Path, "nargs": "*", "metavar": "log"}),
     "--body": (
         "body that has, with all on it, what the sensor carries, or to which the load is fixed; by default of "
         "[load] in the columns file",
@@ -80,10 +77,7 @@ OPTIONS: options.Options = {
     ),
     "--sensor": ("name of the wrench, as [wrenches.NAME] in the columns file", {}),
     "--loaded": ("logs with the load, where the others have none", {**options.FILES, "metavar": "LOG"}),
-    "--mass": (
-        "mass of that load by a scale, kg; it fixes the scale of the torques",
-        {"type": options.POSITIVE},
-    ),
+    "--mass": ("mass of that load by a scale, kg; it fixes the scale of the torques", {"type": options.POSITIVE}),
     "--flange": ("body or site in whose frame controllers want the payload, by default --body", {}),
     "--name": ("name of the folder under --out, by default made of the files' names", {}),
     "--verbose": ("print more than a screen: deviations, sensor and forms", options.FLAG),

@@ -38,10 +38,7 @@ def _value(text: str) -> int | float | str:
 OPTIONS: options.Options = {
     **options.output("results/sweep", *options.PRINTED),
     "study": ("study to run", {"choices": ("misaligned", "multicontact")}),
-    "--over": (
-        "option of the study, and its values",
-        {"nargs": "+", "required": True, "metavar": ("OPTION", "VALUE")},
-    ),
+    "--over": ("option of the study, and its values", {"nargs": "+", "required": True, "metavar": ("OPTION", "VALUE")}),
     "--seeds": ("runs of each value", {"type": options.whole_number(1, 10_000), "default": 1}),
     "--numbers": ("numbers of the summary in the chart", {"nargs": "+", "default": [], "metavar": "NAME"}),
     **options.WORKERS,

@@ -93,11 +93,11 @@ class Search:
     """What a motion is searched for, and how; by default of the model's range and the paper's or usual numbers.
 
     Attributes:
-        seconds: Duration, by default `SECONDS` or the paper's.
         harmonics: Terms of the series.
-        criterion: One of `paper.CRITERIA`.
         starts: Random motions to begin from.
         iterations: Largest number of iterations from each.
+        seconds: Duration, by default `SECONDS` or the paper's.
+        criterion: One of `paper.CRITERIA`.
         seed: Seed of the starts.
         clearance: Distance that counts as a collision, m; None for no checks.
         floor: Height in the world's frame above which all moving bodies stay, m; None for none.
@@ -109,11 +109,11 @@ class Search:
         acceleration: Largest acceleration, rad/s² or m/s², likewise.
     """
 
+    harmonics: int
+    starts: int
+    iterations: int
     seconds: float | None = None
-    harmonics: int = 5
     criterion: str = "deviations"
-    starts: int = 24
-    iterations: int = 100
     seed: int = 0
     clearance: float | None = None
     floor: float | None = None

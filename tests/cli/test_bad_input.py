@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
-from looped import FOUR_BAR, ROD_ON_BALLS, SPATIAL
+from looped import FOUR_BAR, SPATIAL
 from marked import labels_of, marked_person, trc, trial
 from studies.test_compare import result
 from studies.test_excite import FOLDING
@@ -33,7 +33,6 @@ MODELS = {
     "driven.xml": FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"),
     "four_bar.xml": FOUR_BAR,
     "held.xml": SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'),
-    "rod.xml": ROD_ON_BALLS,
     "ghost.xml": '<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>',
     "empty.xml": "<mujoco><worldbody/></mujoco>",
 }
@@ -225,7 +224,6 @@ REFUSED = [
     (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints."),
     (f"excite four_bar.xml {LOOPED} --joints crank rocker", "cannot be excited: loops make it depend on"),
     (f"excite held.xml {LOOPED} --joints crank", "loops hold it while rod rests. Name"),
-    (f"excite rod.xml {LOOPED} --joints hip knee crank", "Design the motion with --collisions ignore."),
     ("excite nope", "A model is one of double_pendulum, bowing, humanoid, arm, or an MJCF, URDF or OpenSim file"),
     ("angles endless.xml walk.trc", "No marker has a site of its name: the markers are"),
     ("angles person.xml walk.trc --places nose.toml", "The file has no marker 'NOSE'"),

@@ -119,11 +119,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys):
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
     prepared = prepare(model, DATA / "bowing.csv", columns=bowing, cutoff=3.0)
     assert_predicts_as_well(identified(prepared, estimator="weighted"), phi)
-    assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
-        "report.html",
-        "model.urdf",
-        "figure_held_out.svg",
-    }
+    assert {path.name for path in (tmp_path / "bow").iterdir()} >= {"report.html", "model.urdf", "figure_held_out.svg"}
 
 
 @needs_data

@@ -115,10 +115,7 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
-@pytest.mark.parametrize(
-    ("options", "beside"),
-    [(["--seed", "4"], True), (["--tilt-deg", "2"], False)],
-)
+@pytest.mark.parametrize(("options", "beside"), [(["--seed", "4"], True), (["--tilt-deg", "2"], False)])
 def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, capsys):
     assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
     printed = capsys.readouterr().out

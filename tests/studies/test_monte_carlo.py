@@ -49,16 +49,16 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path):
 @pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
-    whole = run(source, 40, tmp_path, file="whole.npz")
+    whole = run(source, 24, tmp_path, file="whole.npz")
     died = pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers")
     with died:
-        run(source, 40, tmp_path, analyse=Mortal.at(25, source, tmp_path), given=workers.Workers(2))
+        run(source, 24, tmp_path, analyse=Mortal.at(15, source, tmp_path), given=workers.Workers(2))
     assert "The trials done so far are in" in capsys.readouterr().err
     # At most those of its batch and of the other worker are lost.
     before = kept(tmp_path)
-    assert 16 <= len(before) <= 25
+    assert 8 <= len(before) <= 15
     np.testing.assert_array_equal(before, whole[: len(before)])
-    np.testing.assert_array_equal(resumed(source, 40, tmp_path), whole)
+    np.testing.assert_array_equal(resumed(source, 24, tmp_path), whole)
 
 
 def distribution(outcomes):

@@ -145,11 +145,7 @@ def toml(values):
             "models.True needs another name: curves of wrenches call true, measured, ground what",
         ),
         ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
-        (
-            '"double_pendulum"\n[scene]',
-            '"wild"\n[scene]',
-            "excitation needs one of double_pendulum, bowing; got wild",
-        ),
+        ('"double_pendulum"\n[scene]', '"wild"\n[scene]', "excitation needs one of double_pendulum, bowing; got wild"),
         ("[models]", "[models", "a study needs to be TOML in UTF-8"),
         ("m1 = 0.5", 'm1 = "a"', "published.error.drawn.m1 needs a number"),
     ],

@@ -233,7 +233,7 @@ def measured(case: Case) -> tuple[Motion, int]:
 
 
 def commanded(case: Case) -> tuple[Motion, int]:
-    """The commanded states; a person has none, from which noise-free instruments could be simulated."""
+    """The commanded states, which are free of noise; a person has none."""
     return case.subject.commanded, 0
 
 
