@@ -7,6 +7,8 @@ from test_readme import DOCS, ROOT, block, page
 
 from docs.tools import pages as blocks
 from docs.tools import validation_blocks
+from experiments.studies.validation.files import registry
+from experiments.studies.validation.validation_study import study_of
 from ident.errors import InputError
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has docs")
@@ -14,7 +16,7 @@ pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has d
 
 @pytest.fixture(scope="module")
 def shown():
-    return validation_blocks.shown_study(json.loads(page(validation_blocks.FILE)))
+    return study_of(json.loads(page(validation_blocks.FILE)), registry())
 
 
 def test_the_page_shows_the_run_on_record(shown):
