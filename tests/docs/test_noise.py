@@ -45,6 +45,10 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
     for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
         psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
         np.testing.assert_allclose(psi, who.true, atol=2e-3)
+    noisy = Case.drawn(CONDITIONS["pendulum_x3"], 0, 0)
+    given = who.mechanism, who.parameters.kept, noisy.recording, states(who, noisy.recording), who.commanded
+    answer = ESTIMATORS["pendulum"]["instruments"](noisy)
+    np.testing.assert_array_equal(answer.values, estimators.instrumental(*given)[0])
 
 
 @pytest.fixture

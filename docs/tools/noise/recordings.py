@@ -1,6 +1,6 @@
 """Recordings of a robot, an arm and a person with noise, drift, outliers, quantisation and friction."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
