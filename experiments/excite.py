@@ -24,14 +24,14 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import excite_report
-    from experiments.studies.designed_excitation import Search, designed, problem_of
+    from experiments.studies.designed_excitation import DesignSearch, designed, problem_of
 
     options.check_model(args.model, scenes.NAMES)
     kinds = {**options.of_model(args), "drive": options.drives(args.drive)}
     kinds |= {key: getattr(args, key) for key in ("joints", "sensors", "noise")}
     if args.floor is not None and args.collisions == "ignore":
         raise InputError("--floor belongs to --collisions avoid; leave one of them out.")
-    search = Search(**{each.name: getattr(args, each.name) for each in fields(Search)})
+    search = DesignSearch(**{each.name: getattr(args, each.name) for each in fields(DesignSearch)})
     search = replace(search, clearance=None) if args.collisions == "ignore" else search
     design = designed(problem_of(args.model, **kinds), args.model, search)
     source = {"series": design.series, "base_parameters": list(design.problem.parameters.names)}

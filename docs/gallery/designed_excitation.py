@@ -8,7 +8,7 @@ import numpy as np
 from experiments.studies import criteria, designed_excitation
 
 problem = designed_excitation.problem_of("double_pendulum")
-search = designed_excitation.Search(harmonics=4, starts=1, iterations=60)
+search = designed_excitation.DesignSearch(harmonics=4, starts=1, iterations=60)
 design = designed_excitation.designed(problem, "double_pendulum", search)
 
 

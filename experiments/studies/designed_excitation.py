@@ -89,7 +89,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Search:
+class DesignSearch:
     """What a motion is searched for, and how; by default of the model's range and the paper's or usual numbers.
 
     Attributes:
@@ -140,7 +140,7 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     return np.arange(round(seconds * RATE) + 1) / RATE
 
 
-def joint_limits(search: Search, problem: DesignProblem, reference: Motion | None) -> Limits:
+def joint_limits(search: DesignSearch, problem: DesignProblem, reference: Motion | None) -> Limits:
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
@@ -158,7 +158,7 @@ def joint_limits(search: Search, problem: DesignProblem, reference: Motion | Non
     return Limits(low, high, velocity, acceleration)
 
 
-def _ranges(problem: DesignProblem, search: Search) -> tuple[np.ndarray, np.ndarray]:
+def _ranges(problem: DesignProblem, search: DesignSearch) -> tuple[np.ndarray, np.ndarray]:
     """The part of the given range that the model allows for each joint, off its stops: lower and upper limits (n,)."""
     limits, given = [], search.position
     for joint in problem.joints:
@@ -200,7 +200,7 @@ def problem_of(
     return excitation_problem.problem(arm, joints, **{"sensors": "wrench", **more})
 
 
-def designed(problem: DesignProblem, model: str, search: Search) -> Design:
+def designed(problem: DesignProblem, model: str, search: DesignSearch) -> Design:
     """A motion for a problem.
 
     Args:
