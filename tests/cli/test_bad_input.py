@@ -177,7 +177,6 @@ REFUSED = [
         (f"batch pendulum.xml log.csv {name}.csv", f"'{name}', but that is kept for the batch's own files")
         for name in BATCH
     ),
-    ("batch pendulum.xml loop.csv --base base", "loop.csv"),
     ("columns pendulum.xml loop.csv --base base", "loop.csv"),
     ("compare loop.csv a", "loop.csv"),
     ("payload pendulum.xml loop.csv --body tool --sensor wrist", "loop.csv"),

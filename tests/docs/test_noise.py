@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,26 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
     given = who.mechanism, who.parameters.kept, noisy.recording, states(who, noisy.recording), who.commanded
     answer = ESTIMATORS["pendulum"]["instruments"](noisy)
     np.testing.assert_array_equal(answer.values, estimators.instrumental(*given)[0])
+
+
+DISTURBED = (
+    *("commands_trapezoids_plate", "rubs_trapezoids_100", "stribeck", "payload_gains", "torques_and_wrench"),
+    *("flicker", "random_walk", "student", "quantised", "bodies_drawn", "pendulum_ar80", "pendulum_missing"),
+    *("pendulum_outliers", "gains"),
+)
+"""Conditions that differ in kind."""
+
+
+@pytest.mark.parametrize("name", DISTURBED)
+def test_a_recording_is_drawn_by_its_number(name):
+    condition = replace(CONDITIONS[name], samples=150)
+    case, again, other = (Case.drawn(condition, 0, number) for number in (0, 0, 1))
+    assert case.recording.time.size <= 150 and case.drives == other.drives
+    for channel, values in case.recording.measured.items():
+        np.testing.assert_array_equal(values, again.recording[channel])
+        assert values.shape != other.recording[channel].shape or (values != other.recording[channel]).any()
+    assert (case.phi == other.phi).all() != condition.drawn
+    assert bool(case.recording.setup or case.recording.scales) == bool(condition.gain)
 
 
 @pytest.fixture
