@@ -38,12 +38,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"Everything on one page: {args.out / 'index.html'}")
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.command_parser("", __doc__)
-    options.add_formats(out, options.PRINTED)
-    options.add_trials(out)
-    return out
+OPTIONS: options.Options = {**options.output("results", *options.PRINTED), **options.TRIALS}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments", __doc__, run, OPTIONS)

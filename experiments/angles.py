@@ -2,7 +2,6 @@
 
 import argparse
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiments.cli import options, running
@@ -46,47 +45,32 @@ def _identify(args: argparse.Namespace, result: "Angles") -> str:
     return shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("angles", __doc__)
-    out.add_argument(
-        "model",
-        type=Path,
-        help="MJCF, URDF or OpenSim file with sites or markers named like the labels, or see --places",
-    )
-    out.add_argument("markers", type=Path, help=".trc or .c3d file, or a table with columns time, LABEL.x, .y and .z")
-    out.add_argument(
-        "--places",
-        type=Path,
-        metavar="TOML",
-        help="file that says which sites, or places on bodies, markers stand for; their weights, unit and upward axis, "
+OPTIONS: options.Options = {
+    **options.output("results/angles", "svg"),
+    "model": ("MJCF, URDF or OpenSim file with sites or markers named like the labels, or see --places", options.FILE),
+    "markers": (".trc or .c3d file, or a table with columns time, LABEL.x, .y and .z", options.FILE),
+    "--places": (
+        "file that says which sites, or places on bodies, markers stand for; their weights, unit and upward axis, "
         "and which bodies scale alike",
-    )
-    out.add_argument(
-        "--base", help="body that is the base, by default the one with the model's only free joint, or the world"
-    )
-    options.add_fixed(out)
-    out.add_argument(
-        "--wrenches",
-        type=Path,
-        metavar="LOG",
-        help="CSV or npz file with wrenches on the same clock, columns time, NAME_force.x to NAME_torque.z, to go into "
+        {**options.FILE, "metavar": "TOML"},
+    ),
+    "--base": ("body that is the base, by default the one with the model's only free joint, or the world", {}),
+    **options.FIX,
+    "--wrenches": (
+        "CSV or npz file with wrenches on the same clock, columns time, NAME_force.x to NAME_torque.z, to go into "
         "the same file as the angles",
-    )
-    scale = out.add_argument_group("lengths of segments")
-    scale.add_argument(
-        "--scale", action="store_true", help="find a factor on the lengths of each body, and write the model with them"
-    )
-    scale.add_argument("--symmetric", action="store_true", help="the left side is as long as the right one")
-    scale.add_argument(
-        "--scale-from",
-        type=Path,
-        metavar="MARKERS",
-        help="another trial to find them from, as one that stands still in several postures",
-    )
-    whole = "mass of the whole scaled model, by default as it is"
-    scale.add_argument("--mass", type=options.POSITIVE, metavar="KG", help=whole)
-    return out
+        {**options.FILE, "metavar": "LOG"},
+    ),
+    "lengths of segments": {
+        "--scale": ("find a factor on the lengths of each body, and write the model with them", options.FLAG),
+        "--symmetric": ("the left side is as long as the right one", options.FLAG),
+        "--scale-from": (
+            "another trial to find them from, as one that stands still in several postures",
+            {**options.FILE, "metavar": "MARKERS"},
+        ),
+        "--mass": ("mass of the whole scaled model, by default as it is", {"type": options.POSITIVE, "metavar": "KG"}),
+    },
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.angles", __doc__, run, OPTIONS)

@@ -256,14 +256,13 @@ def _file_entry(file: Path) -> dict[str, Any]:
         return {"file": str(file)}
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("batch", __doc__)
-    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
-    out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; each by itself")
-    identify.add_options(out)
-    options.add_workers(out)
-    return out
+OPTIONS: options.Options = {
+    **options.output("results/batch", "svg"),
+    **options.MODEL,
+    **options.logs("each by itself"),
+    **identify.IDENTIFICATION,
+    **options.WORKERS,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.batch", __doc__, run, OPTIONS)

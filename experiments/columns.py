@@ -3,7 +3,6 @@
 import argparse
 import shlex
 from os.path import realpath
-from pathlib import Path
 
 from experiments.cli import options, running
 from ident.errors import InputError
@@ -59,19 +58,18 @@ def _model(args: argparse.Namespace, command: str) -> list[str]:
     return words + [word for joint in args.fix for word in ("--fix", *joint)]
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.plain_parser("columns", __doc__)
-    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
-    out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; all of the same columns")
-    out.add_argument("--out", type=Path, help="file to write, by default beside the first log, with its name and .toml")
-    out.add_argument("--force", action="store_true", help="replace the file if there is one")
-    out.add_argument(
-        "--rate", type=RATE, default=0.0, metavar="HZ", help="samples per second, if the logs have no column of times"
-    )
-    options.add_mechanism(out)
-    options.add_size(out)
-    return out
+OPTIONS: options.Options = {
+    **options.MODEL,
+    **options.logs("all of the same columns"),
+    "--out": ("file to write, by default beside the first log, with its name and .toml", options.FILE),
+    "--force": ("replace the file if there is one", options.FLAG),
+    "--rate": (
+        "samples per second, if the logs have no column of times",
+        {"type": RATE, "default": 0.0, "metavar": "HZ"},
+    ),
+    **options.MECHANISM,
+    **options.SIZE,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.columns", __doc__, run, OPTIONS)

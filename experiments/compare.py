@@ -23,12 +23,13 @@ def run(args: argparse.Namespace) -> None:
     write(compare_report.document(compared, origin), out, stale=compare_report.OUTPUTS, inputs=inputs)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("compare", __doc__)
-    text = "folders that identify has written; the first against all"
-    out.add_argument("results", type=Path, nargs="+", metavar="RESULT", help=text)
-    return out
+OPTIONS: options.Options = {
+    **options.output("results/compare", "svg"),
+    "results": (
+        "folders that identify has written; the first against all",
+        {"type": Path, "nargs": "+", "metavar": "RESULT"},
+    ),
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.compare", __doc__, run, OPTIONS)

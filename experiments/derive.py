@@ -27,17 +27,18 @@ def run(args: argparse.Namespace) -> None:
     print(f"LaTeX, Python and C are in {out}.")
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.command_parser("derive", __doc__)
-    out.epilog = (
-        "The regressor Y and the base parameters are those of the wrench at the base, which rests; parameters are "
-        "regrouped with gravity along -Z of the base frame."
-    )
-    out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
-    out.add_argument("--base", help="body that is the base, by default the world")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    return out
+EPILOG = (
+    "The regressor Y and the base parameters are those of the wrench at the base, which rests; parameters are "
+    "regrouped with gravity along -Z of the base frame."
+)
+"""Text below the help."""
 
+OPTIONS: options.Options = {
+    **options.output("results/derive"),
+    "mechanism": ("table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file", {}),
+    "--base": ("body that is the base, by default the world", {}),
+    "--ignore": ("equality constraints and tendons to leave out", options.NAMES),
+}
+"""Options of the command."""
 
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.derive", __doc__, run, OPTIONS, EPILOG)

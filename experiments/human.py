@@ -46,34 +46,27 @@ def report(args: argparse.Namespace, out: "Output") -> "Document":
     return write(document, out, stale=human_report.OUTPUTS)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("human", __doc__, options.PRINTED)
-    out.add_argument("--seed", type=options.whole_number(0), default=0, help="of motions, noise and the wrong prior")
-    out.add_argument("--seconds", type=options.whole_number(2, 120), default=4, help="length of each recording")
-    out.add_argument("--activities", nargs="+", help="what is recorded, by default all that a person does")
-    out.add_argument("--rate", type=options.whole_number(20, 200), default=50, help="samples per second")
-    out.add_argument(
-        "--from",
-        dest="source",
-        choices=("angles", "correlated", "markers"),
-        default="angles",
-        help="where angles come from: noise that is white, or correlated at 0.9 from sample to sample; or markers with "
+OPTIONS: options.Options = {
+    **options.output("results/human", *options.PRINTED),
+    "--seed": ("of motions, noise and the wrong prior", {"type": options.whole_number(0), "default": 0}),
+    "--seconds": ("length of each recording", {"type": options.whole_number(2, 120), "default": 4}),
+    "--activities": ("what is recorded, by default all that a person does", {"nargs": "+"}),
+    "--rate": ("samples per second", {"type": options.whole_number(20, 200), "default": 50}),
+    "--from": (
+        "where angles come from: noise that is white, or correlated at 0.9 from sample to sample; or markers with "
         "2 mm on skin that moves",
-    )
-    noise = "standard deviation of angles not from markers, degrees, by default 0.5"
-    out.add_argument("--noise", type=options.NUMBER, help=noise)
-    out.add_argument(
-        "--persons",
-        type=options.whole_number(1, 1000),
-        default=1,
-        help="persons, each with other motions, noise and another wrong prior, of whom it is counted how often "
+        {"dest": "source", "choices": ("angles", "correlated", "markers"), "default": "angles"},
+    ),
+    "--noise": ("standard deviation of angles not from markers, degrees, by default 0.5", {"type": options.NUMBER}),
+    "--persons": (
+        "persons, each with other motions, noise and another wrong prior, of whom it is counted how often "
         "intervals hold, in place of the results of one person",
-    )
-    out.add_argument("--no-rail", dest="rail", action="store_false", help="persons who stand on the plates alone")
-    options.add_resume(out)
-    options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
-    return out
+        {"type": options.whole_number(1, 1000), "default": 1},
+    ),
+    "--no-rail": ("persons who stand on the plates alone", {"dest": "rail", "action": "store_false"}),
+    **options.RESUME,
+    **options.workers(min(2, os.cpu_count() or 1)),
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.human", __doc__, run, OPTIONS)

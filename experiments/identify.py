@@ -12,7 +12,6 @@ from experiments.cli import options, own_model, running
 from experiments.runs.environment import one_thread_each
 from ident.errors import InputError
 from ident.setup import OWN
-from ident.tolerances import HOLDOUT
 
 if TYPE_CHECKING:
     from experiments.document.document import Document
@@ -122,79 +121,58 @@ def _person(args: argparse.Namespace) -> Any:
     return Person(args.prior, args.mass, args.height, args.sex)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("identify", __doc__)
-    out.set_defaults(out=Path("results"))
-    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
-    out.add_argument(
-        "logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; several share their parameters"
-    )
-    out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
-    out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
-    add_options(out)
-    out.add_argument(
-        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
-    )
-    otherwise = " of the trajectory estimate; by default one for each processor if recordings are long, else threads"
-    options.add_local_workers(out, default=None, otherwise=otherwise)
-    return out
+def _estimator(name: str) -> str:
+    """Name of an estimator, of which `joint` is a former one."""
+    return "trajectory" if name == "joint" else name
 
 
-def add_options(out: argparse.ArgumentParser) -> None:
-    """Adds the options of an identification."""
-    options.add_mechanism(out)
-    out.add_argument(
-        "--held-out", type=Path, nargs="+", default=[], help="another log to judge by, which is not fitted"
-    )
-    options.add_reading(out)
-    out.add_argument(
-        "--cutoff",
-        help="of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
-    )
-    out.add_argument(
-        "--holdout",
-        type=options.FRACTION,
-        default=HOLDOUT,
-        help="fraction of the recording kept to judge by; 0 judges by all",
-    )
-    out.add_argument(
-        "--estimator",
-        type=lambda name: "trajectory" if name == "joint" else name,  # its former name
-        choices=("trajectory", "weighted", "ordinary"),
-        default="trajectory",
-        help="trajectory: motion, parameters, set-up and noise at once, from joint angles (default); weighted: least "
+IDENTIFICATION: options.Options = {
+    **options.MECHANISM,
+    "--held-out": ("another log to judge by, which is not fitted", options.FILES),
+    **options.READING,
+    "--cutoff": (
+        "of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
+        {},
+    ),
+    "--holdout": ("fraction of the recording kept to judge by; 0 judges by all", options.HELD_BACK),
+    "--estimator": (
+        "trajectory: motion, parameters, set-up and noise at once, from joint angles (default); weighted: least "
         "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
-    )
-    out.add_argument(
-        "--gaps",
-        action="store_true",
-        help="samples may be missing, as empty cells or rows: for the trajectory estimate",
-    )
-    out.add_argument("--own", nargs="*", choices=OWN, default=[], help="what each of several logs has for itself")
-    out.add_argument(
-        "--prior",
-        choices=PRIOR,
-        default="auto",
-        help="whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor; "
+        {"type": _estimator, "choices": ("trajectory", "weighted", "ordinary"), "default": "trajectory"},
+    ),
+    "--gaps": ("samples may be missing, as empty cells or rows: for the trajectory estimate", options.FLAG),
+    "--own": ("what each of several logs has for itself", {**options.NAMES, "choices": OWN}),
+    "--prior": (
+        "whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor; "
         "winter, deleva, dumas: bodies as these tables have them, for people",
-    )
-    out.add_argument(
-        "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
-    )
-    out.add_argument("--write-geometry", action="store_true", help="write where joints lie into the updated model, too")
-    out.add_argument("--mass", type=options.POSITIVE, help="of a table: mass of the person, kg")
-    out.add_argument("--height", type=options.POSITIVE, help="of a table: height of the person, m")
-    out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
-    options.add_drive(out)
-    out.add_argument(
-        "--leave-out",
-        nargs="*",
-        default=[],
-        metavar="CHANNEL",
-        help="channels that are neither fitted nor judged: Fx to Mz of the total wrench, joints for their torques; as "
+        {"choices": PRIOR, "default": "auto"},
+    ),
+    "--physical": ("fit physical bodies, as close to the model's as the logs let them be", options.FLAG),
+    "--write-geometry": ("write where joints lie into the updated model, too", options.FLAG),
+    "--mass": ("of a table: mass of the person, kg", {"type": options.POSITIVE}),
+    "--height": ("of a table: height of the person, m", {"type": options.POSITIVE}),
+    "--sex": ("of a table: whose columns", {"choices": ("female", "male")}),
+    **options.drive("auto"),
+    "--leave-out": (
+        "channels that are neither fitted nor judged: Fx to Mz of the total wrench, joints for their torques; as "
         "Fz Mx My, which a model that moves in a plane across z cannot explain",
-    )
+        {**options.NAMES, "metavar": "CHANNEL"},
+    ),
+}
+"""Options of an identification."""
 
+OPTIONS: options.Options = {
+    **options.output("results", "svg"),
+    **options.MODEL,
+    **options.logs("several share their parameters"),
+    "--name": ("name of the folder under --out, by default made of the files' names", {}),
+    "--verbose": ("print more than a screen: remarks, notes and bodies", options.FLAG),
+    **IDENTIFICATION,
+    "--rerun": ("write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')", options.FLAG),
+    **options.workers(
+        None, " of the trajectory estimate; by default one for each processor if recordings are long, else threads"
+    ),
+}
+"""Options of the command."""
 
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.identify", __doc__, run, OPTIONS)

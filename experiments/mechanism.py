@@ -27,9 +27,5 @@ def report(out: "Output") -> "Document":
     return write(mechanism_report.document(drawn, difference_of_tables(drawn.tree), origin), out)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    return options.output_parser("mechanism", __doc__, options.PRINTED)
-
-
-main = running.main(__name__, run, parser)
+OPTIONS = options.output("results/mechanism", *options.PRINTED)
+parser, main = running.command(__name__, "experiments.mechanism", __doc__, run, OPTIONS)

@@ -14,11 +14,5 @@ def run(args: argparse.Namespace) -> None:
     study.report(file, options.output_of(args), study.trials_of(args))
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.study_parser("misaligned", __doc__)
-    options.add_tilt(out)
-    return out
-
-
-main = running.main(__name__, run, parser)
+OPTIONS = options.study("results/misaligned") | options.TILTED
+parser, main = running.command(__name__, "experiments.misaligned", __doc__, run, OPTIONS)

@@ -15,11 +15,5 @@ def run(args: argparse.Namespace) -> None:
     study.report(file, options.output_of(args), study.trials_of(args))
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.study_parser("multicontact", __doc__)
-    options.add_contact(out)
-    return out
-
-
-main = running.main(__name__, run, parser)
+OPTIONS = options.study("results/multicontact") | options.CONTACT
+parser, main = running.command(__name__, "experiments.multicontact", __doc__, run, OPTIONS)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from experiments.cli import options, own_model, running
 from ident.errors import InputError
-from ident.tolerances import HOLDOUT
 
 
 def run(args: argparse.Namespace) -> None:
@@ -64,41 +63,28 @@ def _stated_body(args: argparse.Namespace) -> str:
     return body
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("payload", __doc__)
-    out.set_defaults(out=Path("results"))
-    out.add_argument(
-        "model",
-        type=Path,
-        help="MJCF or URDF file of the robot; left out for a body alone, whose pose is [base] of the columns file",
-    )
-    out.add_argument(
-        "logs", type=Path, nargs="*", metavar="log", help=f"joint angles and the sensor's readings: {options.LOGS}"
-    )
-    out.add_argument(
-        "--body",
-        help="body that has, with all on it, what the sensor carries, or to which the load is fixed; by default of "
+OPTIONS: options.Options = {
+    **options.output("results", "svg"),
+    "model": (
+        "MJCF or URDF file of the robot; left out for a body alone, whose pose is [base] of the columns file",
+        options.FILE,
+    ),
+    "logs": (f"joint angles and the sensor's readings: {options.LOGS}", {"type": Path, "nargs": "*", "metavar": "log"}),
+    "--body": (
+        "body that has, with all on it, what the sensor carries, or to which the load is fixed; by default of "
         "[load] in the columns file",
-    )
-    out.add_argument("--sensor", help="name of the wrench, as [wrenches.NAME] in the columns file")
-    out.add_argument(
-        "--loaded",
-        type=Path,
-        nargs="+",
-        default=[],
-        metavar="LOG",
-        help="logs with the load, where the others have none",
-    )
-    scale = "mass of that load by a scale, kg; it fixes the scale of the torques"
-    out.add_argument("--mass", type=options.POSITIVE, help=scale)
-    out.add_argument("--flange", help="body or site in whose frame controllers want the payload, by default --body")
-    out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
-    out.add_argument("--verbose", action="store_true", help="print more than a screen: deviations, sensor and forms")
-    options.add_mechanism(out)
-    options.add_reading(out)
-    out.add_argument("--holdout", type=options.FRACTION, default=HOLDOUT, help="fraction of each log kept to judge by")
-    return out
+        {},
+    ),
+    "--sensor": ("name of the wrench, as [wrenches.NAME] in the columns file", {}),
+    "--loaded": ("logs with the load, where the others have none", {**options.FILES, "metavar": "LOG"}),
+    "--mass": ("mass of that load by a scale, kg; it fixes the scale of the torques", {"type": options.POSITIVE}),
+    "--flange": ("body or site in whose frame controllers want the payload, by default --body", {}),
+    "--name": ("name of the folder under --out, by default made of the files' names", {}),
+    "--verbose": ("print more than a screen: deviations, sensor and forms", options.FLAG),
+    **options.MECHANISM,
+    **options.READING,
+    "--holdout": ("fraction of each log kept to judge by", options.HELD_BACK),
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.payload", __doc__, run, OPTIONS)

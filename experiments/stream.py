@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from experiments import identify
-from experiments.cli import running
+from experiments.cli import options, running
 
 FORMER = (
     "`stream` is `identify --estimator ordinary --holdout 0` now, and goes with the next version. For logs larger than "
@@ -19,12 +19,11 @@ def run(args: argparse.Namespace) -> None:
     identify.run(args)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options, those of `identify`."""
-    out = identify.parser()
-    out.prog, out.description = "python -m experiments.stream", __doc__
-    out.set_defaults(estimator="ordinary", holdout=0.0)
-    return out
+def with_default(name: str, value: object) -> options.Options:
+    """A row of `identify`'s options with another default."""
+    text, given = identify.OPTIONS[name]
+    return {name: (text, given | {"default": value})}
 
 
-main = running.main(__name__, run, parser)
+OPTIONS = {**identify.OPTIONS, **with_default("--estimator", "ordinary"), **with_default("--holdout", 0.0)}
+parser, main = running.command(__name__, "experiments.stream", __doc__, run, OPTIONS)

@@ -88,14 +88,12 @@ def added(more: "Document", out: "Output") -> "Document":
     return more
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.study_parser("study", __doc__)
-    out.set_defaults(out=None)
-    out.add_argument("file", type=Path, help="TOML file, or the name of one that comes with this package: misaligned")
-    options.add_tilt(out)
-    options.add_contact(out)
-    return out
+OPTIONS: options.Options = {
+    **options.study(""),
+    "file": ("TOML file, or the name of one that comes with this package: misaligned", options.FILE),
+    **options.TILTED,
+    **options.CONTACT,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.study", __doc__, run, OPTIONS)

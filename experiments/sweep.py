@@ -35,17 +35,14 @@ def _value(text: str) -> int | float | str:
     return text
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("sweep", __doc__, options.PRINTED)
-    out.add_argument("study", choices=("misaligned", "multicontact"), help="study to run")
-    out.add_argument(
-        "--over", nargs="+", required=True, metavar=("OPTION", "VALUE"), help="option of the study, and its values"
-    )
-    out.add_argument("--seeds", type=options.whole_number(1, 10_000), default=1, help="runs of each value")
-    out.add_argument("--numbers", nargs="+", default=[], metavar="NAME", help="numbers of the summary in the chart")
-    options.add_workers(out)
-    return out
+OPTIONS: options.Options = {
+    **options.output("results/sweep", *options.PRINTED),
+    "study": ("study to run", {"choices": ("misaligned", "multicontact")}),
+    "--over": ("option of the study, and its values", {"nargs": "+", "required": True, "metavar": ("OPTION", "VALUE")}),
+    "--seeds": ("runs of each value", {"type": options.whole_number(1, 10_000), "default": 1}),
+    "--numbers": ("numbers of the summary in the chart", {"nargs": "+", "default": [], "metavar": "NAME"}),
+    **options.WORKERS,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.sweep", __doc__, run, OPTIONS)

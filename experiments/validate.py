@@ -58,20 +58,15 @@ def _places(args: argparse.Namespace) -> "Places":
     return files.Places((given,) if given is not None else (), fetch=args.fetch)
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("validate", __doc__, options.PRINTED)
-    out.add_argument("names", nargs="*", metavar="NAME", help="recordings, by default all that are there")
-    out.add_argument("--data", type=Path, metavar="FOLDER", help=f"folder of recordings, by default {VARIABLE}")
-    out.add_argument("--fetch", action="store_true", help="download what is missing, into the user's cache")
-    out.add_argument(
-        "--peers",
-        action="store_true",
-        help="compare with FIGAROH, mujoco.sysid (extra 'peers') and plain least squares",
-    )
-    options.add_local_workers(out, default=None, otherwise=", by default one for each processor")
-    out.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
-    return out
+OPTIONS: options.Options = {
+    **options.output("results/validate", *options.PRINTED),
+    "names": ("recordings, by default all that are there", {"nargs": "*", "metavar": "NAME"}),
+    "--data": (f"folder of recordings, by default {VARIABLE}", {**options.FILE, "metavar": "FOLDER"}),
+    "--fetch": ("download what is missing, into the user's cache", options.FLAG),
+    "--peers": ("compare with FIGAROH, mujoco.sysid (extra 'peers') and plain least squares", options.FLAG),
+    **options.workers(None, ", by default one for each processor"),
+    **options.RESUME,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "experiments.validate", __doc__, run, OPTIONS)

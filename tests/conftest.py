@@ -16,7 +16,6 @@ PEOPLE = (
     "document/test_pages_in_browser.py",
     "studies/test_human.py",
     "studies/test_mechanism.py",
-    "studies/test_person_without_rail.py",
 )
 """Files that share simulated people (`persons`), which take longest."""
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mechanisms import double_pendulum, tilted_axis
+from shared_studies import packaged_study
 
 import scenes
 from experiments.data import paper
@@ -22,7 +23,7 @@ SEEDS = (0, 1, 2)
 
 @pytest.fixture(scope="module", params=SEEDS)
 def study(request):
-    return study_of("misaligned", seed=request.param)
+    return packaged_study("misaligned", seed=request.param)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
 @pytest.fixture(scope="module")
 def spread():
     """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
-    studies = [study_of("misaligned", seed=seed) for seed in range(12)]
+    studies = [packaged_study("misaligned", seed=seed) for seed in range(12)]
     errors = (
         [study.fit("simplified").error for study in studies],
         [study.fit("full_on_table").error for study in studies],

@@ -8,9 +8,8 @@ import numpy as np
 from experiments.studies import criteria, designed_excitation
 
 problem = designed_excitation.problem_of("double_pendulum")
-bounds = designed_excitation.Bounds()
-options = {"harmonics": 4, "criterion": "deviations", "starts": 1, "iterations": 60, "seed": 0, "clearance": None}
-design = designed_excitation.designed(problem, "double_pendulum", bounds=bounds, seconds=None, **options)
+search = designed_excitation.DesignSearch(harmonics=4, starts=1, iterations=60)
+design = designed_excitation.designed(problem, "double_pendulum", search)
 
 
 def deviations(states):

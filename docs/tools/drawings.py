@@ -1,6 +1,6 @@
 """Figures, animation and example's log of README and of the documentation."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,6 @@ from ident import read_log
 from ident.files.atomic import replacing
 from ident.files.table import vector_columns
 from ident.identification import identify
-from ident.recordings.recording import Recording
 from sim import mechanism
 from sim.simulation.simulate import simulate
 
@@ -78,29 +77,23 @@ def standalone(shown: Iterable[str], width: int, height: int) -> str:
     return f"{head}<style>{style} svg {{ background: var(--paper); }}</style>{''.join(placed)}</svg>\n"
 
 
-def accelerations() -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times, s (N,), and accelerations of a joint by method, rad/s² (N,)."""
+def figure_estimator() -> Figure:
+    """Accelerations of a joint by method over a few seconds, rad/s²."""
     who = SUBJECTS[CONDITIONS[CONDITION].subject]
     recording = noisy_recording(CONDITIONS[CONDITION], 0, 0)
     filtered, _ = low_passed(who.mechanism, recording, USUAL)
     estimate = identify(who.mechanism, recording, offsets=False, holdout=0)
     k = who.mechanism.tree.joints.index(JOINT)
-    return recording.time, {
-        f"angles, low-passed at {USUAL:.0f} Hz": filtered.ddq[:, k],
-        "motion that the servos follow": who.commanded.ddq[:, k],
-        "trajectory estimate": estimate.prepared.samples.motion.ddq[:, k],
-    }
-
-
-def figure_estimator() -> Figure:
-    """The accelerations over a few seconds."""
-    time, curves = accelerations()
-    lines = (figures.Line("C1", 0.7), figures.Line("black", 2.0), figures.Line("C0", 1.2, "--"))
+    curves = (
+        (f"angles, low-passed at {USUAL:.0f} Hz", filtered, figures.Line("C1", 0.7)),
+        ("motion that the servos follow", who.commanded, figures.Line("black", 2.0)),
+        ("trajectory estimate", estimate.prepared.samples.motion, figures.Line("C0", 1.2, "--")),
+    )
     with styles.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()
-        for (label, values), line in zip(curves.items(), lines, strict=True):
-            ax.plot(time, values, color=line.color, lw=line.width, ls=line.style, label=label)
+        for label, motion, line in curves:
+            ax.plot(recording.time, motion.ddq[:, k], color=line.color, lw=line.width, ls=line.style, label=label)
         ax.set(xlim=SHOWN, xlabel="Time (s)", ylabel=f"Acceleration of the {JOINT} (rad/s²)")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return figure
@@ -128,36 +121,26 @@ def figure_benchmark(results: dict[str, Any]) -> Figure:
     return figure
 
 
-def moving_figure(result: SimulatedStudy) -> tuple[Figure, Callable[[int], None]]:
-    """The mechanism from the side with its force arrows, beside the moment at the base over time.
+def save_animation(result: SimulatedStudy, path: Path) -> None:
+    """Writes a GIF of the mechanism from the side with its force arrows, beside the moment at the base over time.
 
     Args:
         result: The study with `CONTACT` alone.
-
-    Returns:
-        The figure, and a function that draws one sample into it.
+        path: The file.
     """
-    figure = Figure(figsize=(6.4, 3.0), layout=ConstrainedLayoutEngine(h_pad=0.08))
-    side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
-    cursor = _draw_curves(curves, result)
-    points, forces = _points(result), _forces(result)
-
-    def drawn(sample: int) -> None:
-        _draw_side(side, points[sample], forces[sample])
-        cursor.set_xdata([result.recording.time[sample]] * 2)
-
-    return figure, drawn
-
-
-def save_animation(result: SimulatedStudy, path: Path) -> None:
-    """Writes the animation as a GIF."""
     first, last = np.searchsorted(result.recording.time, WINDOW)
-    writer = PillowWriter(FRAMES_PER_SECOND)
+    writer, points = PillowWriter(FRAMES_PER_SECOND), _points(result)
+    # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
+    ground = result.recording.wrench("ground").values
+    forces = np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
     with styles.paper_style(), replacing(path) as temporary:
-        figure, drawn = moving_figure(result)
+        figure = Figure(figsize=(6.4, 3.0), layout=ConstrainedLayoutEngine(h_pad=0.08))
+        side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
+        cursor = _draw_curves(curves, result)
         with writer.saving(figure, temporary, dpi=100):
             for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):
-                drawn(sample)
+                _draw_side(side, points[sample], forces[sample])
+                cursor.set_xdata([result.recording.time[sample]] * 2)
                 writer.grab_frame()
                 # The layout is solved once, or the frames would jitter.
                 figure.set_layout_engine("none")
@@ -172,13 +155,6 @@ def _points(result: SimulatedStudy) -> np.ndarray:
     links = [tree.names.index(name) for name in ("link1", body)]
     cell = poses[:, links[1]] @ pose
     return np.stack([poses[:, links[0]], poses[:, links[1]], cell], axis=1)[..., 1:3, 3]
-
-
-def _forces(result: SimulatedStudy) -> np.ndarray:
-    """Forces of ground and hand on the mechanism, in Y and Z of the base frame, N (N, 2, 2)."""
-    ground = result.recording.wrench("ground").values
-    # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
-    return np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
 
 
 def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
@@ -226,15 +202,10 @@ def loaded_arm() -> mujoco.MjSpec:
     return spec
 
 
-def loaded_recording() -> Recording:
-    """The arm's motion along sums of sinusoids, with all sensors of the scene."""
-    motion = sinusoids(np.random.default_rng(SEED), 4, SAMPLES / 100)
-    return simulate(loaded_arm(), motion, samples=SAMPLES, seed=SEED)
-
-
 def save_log(path: Path) -> None:
-    """Writes angles, torques and the wrench of the plate as a CSV file, as a robot's controller would."""
-    log = loaded_recording()
+    """Writes angles, torques and the wrench of the plate, along sums of sinusoids, as a robot's controller would."""
+    motion = sinusoids(np.random.default_rng(SEED), 4, SAMPLES / 100)
+    log = simulate(loaded_arm(), motion, samples=SAMPLES, seed=SEED)
     columns, formats = {"time": log.time}, ["%.2f"]
     for name, values in log.measured.items():
         kind = name.rpartition("_")[2]

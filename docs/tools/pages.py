@@ -14,8 +14,11 @@ from docs.tools.drawings import figure_benchmark, figure_estimator, result_pictu
 from experiments.data.simulated_study import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
 from experiments.reports import study_figures, study_report
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_report import known_picture
 from experiments.studies.simulation import study
+from experiments.studies.validation.files import registry
+from experiments.studies.validation.validation_study import study_of
 from ident.errors import InputError
 from ident.files.atomic import replacing
 
@@ -114,14 +117,15 @@ def write(root: Path) -> None:
 
 def write_validation(root: Path, numbers: dict[str, Any]) -> None:
     """Writes the record of a validation, its figures, and the parts of pages that show it."""
-    shown = validation_blocks.shown_study(numbers)
+    shown = study_of(numbers, registry())
     _replace_blocks(root / "docs" / "validation.md", validation_blocks.page_blocks(shown))
     for name in ("README.md", "paper.md"):
         _replace_blocks(root / name, validation_blocks.summary_blocks(shown))
     with result_folder.results_folder(root / "docs") as folder:
         (folder / "validation_known.svg").write_text(standalone([known_picture(shown)], 520, 260), encoding="utf-8")
-        for name, figure in validation_blocks.page_figures(shown).items():
-            figures.save(figure, folder, name, ["svg"])
+        figures.save(summary_figure(shown), folder, "validation", ["svg"])
+        figures.save(held_out_figure(shown), folder, "validation_held_out", ["svg"])
+        figures.save(published_figure(shown), folder, "validation_published", ["svg"])
         validation_blocks.write_record(folder / validation_blocks.FILE, numbers)
 
 

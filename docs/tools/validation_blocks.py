@@ -7,15 +7,11 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from experiments.data.validation import WORSE, Study, inside
 from experiments.document import symbols
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_report import STEEL, overview_lines, truth_lines, worse_lines
 from experiments.studies.validation.files import registry
-from experiments.studies.validation.validation_study import study_of
 from ident.errors import InputError
 from ident.files.atomic import replacing
 
@@ -73,13 +69,15 @@ def page_blocks(study: Study) -> dict[str, str]:
     )
     head = "| name | recording | repository | licence | what is missing |\n| --- | --- | --- | --- | --- |\n"
     texts = {name: table.markdown() for name, table in shown.items()}
+    verdicts = "".join(f"<li>{html.escape(f'{each.entry.title}: {each.verdict}')}</li>\n" for each in study)
     worse = (tables.table_worse(study), tables.table_outside(study), tables.table_missed(study))
     shown_worse = [_list(worse_lines(study)), *(table.markdown() for table in worse if table.rows)]
     return {
         "known": f"**{truth_lines(study)[0]}**\n\n![{KNOWN}](validation_known.svg)\n",
         "sentences": _list(overview_lines(study)),
         "worse": "\n".join(shown_worse),
-        "verdicts": _verdicts(study),
+        # HTML, as Markdown within it is not read everywhere.
+        "verdicts": f"<details><summary>Verdicts in words</summary>\n<ul>\n{verdicts}</ul>\n</details>\n",
         **texts,
         "untried": head + registered,
     }
@@ -88,12 +86,6 @@ def page_blocks(study: Study) -> dict[str, str]:
 def _list(lines: Sequence[str]) -> str:
     """List of sentences."""
     return "".join(f"- {symbols.markdown(line)}\n" for line in lines)
-
-
-def _verdicts(study: Study) -> str:
-    """The verdicts in words, folded: HTML, as Markdown within it is not read everywhere."""
-    items = "".join(f"<li>{html.escape(f'{each.entry.title}: {each.verdict}')}</li>\n" for each in study)
-    return f"<details><summary>Verdicts in words</summary>\n<ul>\n{items}</ul>\n</details>\n"
 
 
 def summary_blocks(study: Study) -> dict[str, str]:
@@ -110,17 +102,3 @@ def summary_blocks(study: Study) -> dict[str, str]:
         f"{held['unusable']} are."
     )
     return {name: f"{fill(each, WIDTH)}\n" for name, each in (("known", truth_lines(study)[0]), ("validation", text))}
-
-
-def shown_study(numbers: dict[str, Any]) -> Study:
-    """Study of the shown numbers."""
-    return study_of(numbers, registry())
-
-
-def page_figures(study: Study) -> dict[str, Figure]:
-    """Figures of docs, by file name without suffix."""
-    return {
-        "validation": summary_figure(study),
-        "validation_held_out": held_out_figure(study),
-        "validation_published": published_figure(study),
-    }

@@ -39,7 +39,7 @@ def log_name(log: Path) -> str:
 
 def check_different(args: argparse.Namespace) -> None:
     """Refuses a log that is given twice, or to be fitted and to judge by."""
-    fitted, judges = ([_resolved(log) for log in several] for several in (_fitted(args), _judges(args)))
+    fitted, judges = ([_resolved(log) for log in several] for several in _logs(args))
     if set(judges) & set(fitted):
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
     if len(set(fitted)) < len(fitted):
@@ -48,12 +48,13 @@ def check_different(args: argparse.Namespace) -> None:
 
 def inputs(args: argparse.Namespace) -> list[Path]:
     """All input files."""
-    logs = [file for log in (*_fitted(args), *_judges(args)) for file in _files(log)]
-    return [*([args.model] if args.model else []), *logs, *([args.columns] if args.columns else [])]
+    logs = [file for several in _logs(args) for log in several for file in _files(log)]
+    return [*filter(None, [args.model]), *logs, *filter(None, [args.columns])]
 
 
-def _fitted(args: argparse.Namespace) -> list[Path]:
-    return [*args.logs, *getattr(args, "loaded", ())]
+def _logs(args: argparse.Namespace) -> tuple[list[Path], list[Path]]:
+    """Logs that are fitted, and logs to judge by."""
+    return [*args.logs, *getattr(args, "loaded", ())], getattr(args, "held_out", [])
 
 
 def _files(log: Path) -> tuple[Path, ...]:
@@ -63,7 +64,7 @@ def _files(log: Path) -> tuple[Path, ...]:
 
 
 def _resolved(log: Path) -> tuple[str, ...]:
-    """Files of a log in sorted order, so that logs can be compared; a file has one entry under all of its names."""
+    """Places of a log's files in sorted order, so that logs can be compared; a file has one under all of its names."""
     return tuple(sorted(_place(file) for file in _files(log)))
 
 
@@ -74,10 +75,6 @@ def _place(file: Path) -> str:
     except OSError:
         return realpath(file)
     return f"{place.st_dev} {place.st_ino}" if place.st_ino else realpath(file)
-
-
-def _judges(args: argparse.Namespace) -> list[Path]:
-    return getattr(args, "held_out", [])
 
 
 def progress(round_: int, step: float) -> None:
@@ -100,7 +97,7 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
         | {"samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
-    judges = [file_entry(path) for path in _judges(args)]
+    judges = [file_entry(path) for path in _logs(args)[1]]
     files = {"model": args.model and file_entry(args.model), "logs": fitted, "held_out": judges}
     given = {key: value for key, value in as_text(args).items() if key != "workers"}
     return origin(given, files | ({"columns": file_entry(args.columns)} if args.columns else {}))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import ident
+from experiments.cli import options
 from experiments.runs.environment import (
     ENDING,
     GRACE,
@@ -28,18 +29,31 @@ from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
 MakeParser = Callable[[], argparse.ArgumentParser]
+Main = Callable[[Sequence[str] | None], int]
 
 AT_ONCE = 1.0
 """Seconds in which further requests to end are those of an impatient hand."""
 
 
-def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
-    """Entry point of the command in the module of that `__name__`; run as a script, the command starts at once."""
+def command(
+    module: str, name: str, description: str | None, study: Study, rows: options.Options, epilog: str = ""
+) -> tuple[MakeParser, Main]:
+    """Parser and entry point of the command in the module of that `__name__`; run as a script, it starts at once.
+
+    Args:
+        module: `__name__` of the module.
+        name: The module's name, as for `python -m`.
+        description: Description for `--help`.
+        study: What the command does with its parsed options.
+        rows: Its options.
+        epilog: Text below the help.
+    """
+    make_parser = partial(options.parser, name, description, rows, epilog)
     entry = partial(run, study, make_parser)
     if module == "__main__":
         end_at_once()
         sys.exit(entry())
-    return entry
+    return make_parser, entry
 
 
 def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:
@@ -57,13 +71,13 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     parser = make_parser()
-    options = parser.parse_args(argv)
+    given = parser.parse_args(argv)
     variables = environment(default_variables())
     interrupted = f"{parser.prog}: interrupted; every file is whole."
     with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
             with _without_log(), _its_consequences(asked):
-                study(options)
+                study(given)
         except (InputError, OSError, MemoryError) as error:
             text: object = error
             if isinstance(error, OSError) and error.filename and error.strerror:

@@ -57,38 +57,20 @@ TABLE_1 = (
 )
 """Table I: modified DH frames of the double pendulum, as frame, inertia, α, d, θ, r."""
 
-TABLE_3 = {
-    "m1": (0.00, 0.00),
-    "m1rx1": (0.32, -0.11),
-    "m1ry1": (-0.03, 0.00),
-    "m2ry2": (-0.06, 0.14),
-    "m2rz2": (0.06, 0.02),
-    "Ixx2": (0.04, 0.02),
-    "Ixy2": (-1.17, 0.13),
-    "Ixz2": (-2.15, 0.15),
-    "m3ry3": (-0.09, 0.02),
-    "m3rz3": (-0.10, 0.00),
-    "Ixx3": (0.04, 0.03),
-    "Ixy3": (-0.42, -0.10),
-    "Ixz3": (-0.55, 0.16),
-}
+PARAMETERS = (
+    *("m1", "m1rx1", "m1ry1", "m2ry2", "m2rz2", "Ixx2", "Ixy2", "Ixz2"),
+    *("m3ry3", "m3rz3", "Ixx3", "Ixy3", "Ixz3"),
+)
+"""Base parameters of both mechanisms."""
+
+SIMPLIFIED = (0.00, 0.32, -0.03, -0.06, 0.06, 0.04, -1.17, -2.15, -0.09, -0.10, 0.04, -0.42, -0.55)
+FULL = (0.00, -0.11, 0.00, 0.14, 0.02, 0.02, 0.13, 0.15, 0.02, 0.00, 0.03, -0.10, 0.16)
+TABLE_3 = dict(zip(PARAMETERS, zip(SIMPLIFIED, FULL, strict=True), strict=True))
 """Table III: errors of the simplified and of the full model. They are absolute, in kg, kg m and kg m²."""
 
-TABLE_4 = {
-    "m1": (20.99, 0.00),
-    "m1rx1": (1.33, 0.00),
-    "m1ry1": (0.00, -0.01),
-    "m2ry2": (0.00, 0.00),
-    "m2rz2": (6.39, 0.01),
-    "Ixx2": (2.41, 0.08),
-    "Ixy2": (0.00, -0.03),
-    "Ixz2": (-0.56, 0.01),
-    "m3ry3": (0.00, 0.00),
-    "m3rz3": (2.66, 0.00),
-    "Ixx3": (0.41, -0.01),
-    "Ixy3": (0.00, 0.00),
-    "Ixz3": (0.00, 0.00),
-}
+TRUE = (20.99, 1.33, 0.00, 0.00, 6.39, 2.41, 0.00, -0.56, 0.00, 2.66, 0.41, 0.00, 0.00)
+ERRORS = (0.00, 0.00, -0.01, 0.00, 0.01, 0.08, -0.03, 0.01, 0.00, 0.00, -0.01, 0.00, 0.00)
+TABLE_4 = dict(zip(PARAMETERS, zip(TRUE, ERRORS, strict=True), strict=True))
 """Table IV: true values and errors with several contacts."""
 
 CONDITION_NUMBER_SIMPLIFIED = 38.1
@@ -106,15 +88,15 @@ SHAPE_MULTICONTACT = (4715, 13)
 
 SECTION_6 = {
     "error": {
-        "simplified": {name: row[0] for name, row in TABLE_3.items()},
-        "full_on_table": {name: row[1] for name, row in TABLE_3.items()},
+        "simplified": dict(zip(PARAMETERS, SIMPLIFIED, strict=True)),
+        "full_on_table": dict(zip(PARAMETERS, FULL, strict=True)),
     },
     "condition_number": {"simplified": CONDITION_NUMBER_SIMPLIFIED, "full": CONDITION_NUMBER_FULL},
     "shape": {"simplified": SHAPE_SIMPLIFIED, "full": SHAPE_FULL},
 }
 SECTION_7 = {
-    "true": {name: row[0] for name, row in TABLE_4.items()},
-    "error": {"contact": {name: row[1] for name, row in TABLE_4.items()}},
+    "true": dict(zip(PARAMETERS, TRUE, strict=True)),
+    "error": {"contact": dict(zip(PARAMETERS, ERRORS, strict=True))},
     "condition_number": {"contact": CONDITION_NUMBER_MULTICONTACT},
     "shape": {"contact": SHAPE_MULTICONTACT},
 }

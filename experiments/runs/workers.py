@@ -110,10 +110,16 @@ class Checkpoint:
         """
         if not done:
             self.set_aside()
-        outcomes = list(done)
+        outcomes, saved = list(done), time.monotonic()
         try:
             try:
-                self._take(batches, outcomes, total)
+                with tqdm(desc=self.what.capitalize(), total=total, initial=len(done), file=sys.stderr) as bar:
+                    for batch in batches:
+                        outcomes.extend(batch)
+                        bar.update(len(batch))
+                        if time.monotonic() - saved > SAVE_EVERY:
+                            self.save(outcomes)
+                            saved = time.monotonic()
             finally:
                 if len(outcomes) > len(done):
                     self.save(outcomes)
@@ -122,17 +128,6 @@ class Checkpoint:
                 print(f"\nThe {self.what} done so far are in {self.file}; run again with --resume.", file=sys.stderr)
             raise
         return outcomes
-
-    def _take(self, batches: Iterable[Sequence[str]], outcomes: list[str], total: int) -> None:
-        saved = time.monotonic()
-        title = self.what.capitalize()
-        with tqdm(desc=title, total=total, initial=len(outcomes), file=sys.stderr) as bar:
-            for batch in batches:
-                outcomes.extend(batch)
-                bar.update(len(batch))
-                if time.monotonic() - saved > SAVE_EVERY:
-                    self.save(outcomes)
-                    saved = time.monotonic()
 
     def save(self, outcomes: Sequence[str]) -> None:
         """Writes the file."""

@@ -89,16 +89,36 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """Limits of all joints; None for those of the model, of the paper's motion, or `VELOCITY` and `ACCELERATION`.
+class DesignSearch:
+    """What a motion is searched for, and how; by default of the model's range and the paper's or usual numbers.
 
     Attributes:
-        position: Lowest and highest position, rad or m.
+        harmonics: Terms of the series.
+        starts: Random motions to begin from.
+        iterations: Largest number of iterations from each.
+        seconds: Duration, by default `SECONDS` or the paper's.
+        criterion: One of `paper.CRITERIA`.
+        seed: Seed of the starts.
+        clearance: Distance that counts as a collision, m; None for no checks.
+        floor: Height in the world's frame above which all moving bodies stay, m; None for none.
+        log: Recording to compare with; by default the paper's excitation or the first start.
+        columns: Mapping of the log's columns.
+        position: Lowest and highest position of all joints, rad or m.
         margin: Share of the model's range that is kept free at each stop.
-        velocity: Largest velocity, rad/s or m/s.
-        acceleration: Largest acceleration, rad/s² or m/s².
+        velocity: Largest velocity, rad/s or m/s; by default that of the paper's motion, or `VELOCITY`.
+        acceleration: Largest acceleration, rad/s² or m/s², likewise.
     """
 
+    harmonics: int
+    starts: int
+    iterations: int
+    seconds: float | None = None
+    criterion: str = "deviations"
+    seed: int = 0
+    clearance: float | None = None
+    floor: float | None = None
+    log: Path | None = None
+    columns: Path | None = None
     position: Sequence[float] | None = None
     margin: float = MARGIN
     velocity: float | None = None
@@ -120,27 +140,27 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     return np.arange(round(seconds * RATE) + 1) / RATE
 
 
-def joint_limits(bounds: Bounds, problem: DesignProblem, reference: Motion | None) -> Limits:
+def joint_limits(search: DesignSearch, problem: DesignProblem, reference: Motion | None) -> Limits:
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
         InputError: A joint has no range and none is given, or the ranges leave no room.
     """
-    if reference is None or bounds.position is not None:
-        low, high = _ranges(problem, bounds)
+    if reference is None or search.position is not None:
+        low, high = _ranges(problem, search)
     else:
         low, high = reference.q.min(axis=0), reference.q.max(axis=0)
     peaks = [abs(x).max(axis=0) for x in (reference.dq, reference.ddq)] if reference else [VELOCITY, ACCELERATION]
     velocity, acceleration = (
         np.full(len(low), peak if given is None else given)
-        for given, peak in zip((bounds.velocity, bounds.acceleration), peaks, strict=True)
+        for given, peak in zip((search.velocity, search.acceleration), peaks, strict=True)
     )
     return Limits(low, high, velocity, acceleration)
 
 
-def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+def _ranges(problem: DesignProblem, search: DesignSearch) -> tuple[np.ndarray, np.ndarray]:
     """The part of the given range that the model allows for each joint, off its stops: lower and upper limits (n,)."""
-    limits, given = [], bounds.position
+    limits, given = [], search.position
     for joint in problem.joints:
         allowed, unit = problem.mechanism.ranges.get(joint), problem.units[joint]
         if given is None and allowed is None:
@@ -149,7 +169,7 @@ def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndar
             )
         low, high = given or (-np.inf, np.inf)
         inner, outer = allowed or (-np.inf, np.inf)
-        free = bounds.margin * (outer - inner) if allowed else 0.0
+        free = search.margin * (outer - inner) if allowed else 0.0
         inner, outer = inner + free, outer - free
         if not max(low, inner) < min(high, outer):
             raise InputError(
@@ -180,60 +200,36 @@ def problem_of(
     return excitation_problem.problem(arm, joints, **{"sensors": "wrench", **more})
 
 
-def designed(
-    problem: DesignProblem,
-    model: str,
-    *,
-    bounds: Bounds,
-    seconds: float | None,
-    harmonics: int,
-    criterion: str,
-    starts: int,
-    iterations: int,
-    seed: int,
-    clearance: float | None,
-    floor: float | None = None,
-    log: Path | None = None,
-    columns: Path | None = None,
-) -> Design:
+def designed(problem: DesignProblem, model: str, search: DesignSearch) -> Design:
     """A motion for a problem.
 
     Args:
         problem: The problem.
         model: Model file or scene that it is of; the double pendulum has the paper's duration and limits.
-        bounds: Limits of all joints.
-        seconds: Duration, by default `SECONDS` or the paper's.
-        harmonics: Terms of the series.
-        criterion: One of `defaults.CRITERIA`.
-        starts: Random motions to begin from.
-        iterations: Largest number of iterations from each.
-        seed: Seed of the starts.
-        clearance: Distance that counts as a collision, m; None for no checks.
-        floor: Height in the world's frame above which all moving bodies stay, m; None for none.
-        log: Recording to compare with; by default the paper's excitation or the first start.
-        columns: Mapping of the log's columns.
+        search: What to search for.
 
     Raises:
         InputError: A joint has no range, the motion is too short or too long, or all motions collide.
     """
     published = model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
-    time = sample_times(duration if seconds is None else seconds, harmonics)
+    time = sample_times(duration if search.seconds is None else search.seconds, search.harmonics)
     reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
-    problem, limits = _within_loops(problem, joint_limits(bounds, problem, reference))
-    own = None if log is None else recorded(problem, log, columns)
-    model_of, still = problem.mechanism.source.model, problem.still
-    tree = problem.mechanism.tree
-    collisions = None if clearance is None else Collisions(model_of, tree, clearance, still, floor)
-    if collisions is not None and floor is not None and not collisions.checks_floor:
+    problem, limits = _within_loops(problem, joint_limits(search, problem, reference))
+    own, arm, collisions = None, problem.mechanism, None
+    if search.log is not None:
+        own = recorded(problem, search.log, search.columns)
+    if search.clearance is not None:
+        collisions = Collisions(arm.source.model, arm.tree, search.clearance, problem.still, search.floor)
+    if collisions is not None and search.floor is not None and not collisions.checks_floor:
         raise InputError("--floor needs moving bodies with geoms that can collide; this model has none.")
     rest = np.array([problem.rest[joint] for joint in problem.joints])
-    motions = criteria.start_motions(limits, rest, float(time[-1]), harmonics, starts, seed)
+    motions = criteria.start_motions(limits, rest, float(time[-1]), search.harmonics, search.starts, search.seed)
     before = own or reference or Motion(*motions[0].states(time))
     if reference is not None:
-        motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
-    value = criteria.cost(problem, criterion, len(time))
-    trajectory = criteria.best(value, limits, motions, collisions, iterations, seed)
+        motions[0] = FourierTrajectory.closest(float(time[-1]), search.harmonics, time, reference.q)
+    value = criteria.cost(problem, search.criterion, len(time))
+    trajectory = criteria.best(value, limits, motions, collisions, search.iterations, search.seed)
     after = Motion(*trajectory.states(time))
     series = {
         "duration": trajectory.duration,
@@ -241,13 +237,13 @@ def designed(
         "center": trajectory.center.tolist(),
         "coefficients": trajectory.coefficients.tolist(),
     }
-    known = None if problem.mechanism.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
-    start = str(log) if log else "the paper's excitation" if published else RANDOM_START
+    known = None if arm.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
+    start = str(search.log) if search.log else "the paper's excitation" if published else RANDOM_START
     first, last = (
         Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
         for motion in (before, after)
     )
-    made = recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series})
+    made = recording(problem, time, after, {"designed": model, "criterion": search.criterion, "series": series})
     return Design(problem, known, limits, time, start, first, last, series, made, _checked(collisions))
 
 

@@ -65,6 +65,23 @@ def test_options_are_those_of_the_module(name, capsys):
     assert options == COMMANDS[name].parser().format_help().split("\n\n", 1)[1]
 
 
+def test_defaults_are_those_that_pages_state():
+    study = {"seed": None, "samples": None, "noise_scale": None, "tilt_deg": None, "azimuth_deg": None, "workers": 1}
+    trials = {"trials": 0, "trajectory_trials": 100, "redraw": "all", "resume": False}
+    own = {"estimator": "trajectory", "holdout": 0.4, "prior": "auto", "drive": ["auto"], "offsets": True, "own": []}
+    ours = {"logs": [Path("b")], "held_out": [], "out": Path("results"), "formats": ["svg"], "workers": None}
+    for name, arguments, expected in (
+        ("misaligned", [], study | trials | {"out": Path("results/misaligned"), "formats": ["pdf", "png"]}),
+        ("identify", ["a", "b"], own | ours),
+        ("stream", ["a", "b"], own | ours | {"estimator": "ordinary", "holdout": 0.0}),
+        ("study", ["a"], {"out": None, "contact": None, "file": Path("a")}),
+        ("human", [], {"seed": 0, "seconds": 4, "rate": 50, "source": "angles", "persons": 1, "rail": True}),
+        ("excite", ["a"], {"harmonics": 5, "starts": 24, "iterations": 100, "drive": ["none"], "clearance": 0.005}),
+    ):
+        given = vars(COMMANDS[name].parser().parse_args(arguments))
+        assert {key: given[key] for key in expected} == expected, name
+
+
 def test_a_subcommand_does_what_its_module_does(tmp_path, capsys):
     options = ["--formats", "svg", "--out", str(tmp_path)]
     outputs = []

@@ -8,7 +8,6 @@ import traceback
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,11 @@ import scenes
 from docs.tools.noise.recordings import sinusoids
 from experiments import mechanism
 from experiments.cli import options, running
-from experiments.cli.command import COMMANDS, main
+from experiments.cli.command import COMMANDS
 from experiments.document.provenance import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
-ARM = str(Path(scenes.__file__).parent / "arm.xml")
 COMMAND = "python -m experiments.mechanism"
 ASKED = "please report it in the project's issue tracker"
 
@@ -138,7 +136,7 @@ def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
             "--base-rpy" in action.option_strings for group in parser._action_groups for action in group._group_actions
         )
     parser = argparse.ArgumentParser()
-    options.add_mechanism(parser)
+    options.add(parser, options.MECHANISM)
     args = parser.parse_args(["--base-rpy", "180", "0", "-90"])
     assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
     with pytest.raises(SystemExit):
@@ -152,27 +150,6 @@ def test_a_number_of_the_command_line_is_one_of_a_size_or_refused_in_words(comma
         for text in ("abc", "nan", "inf", "1e300", "") if action.type not in (None, Path) else ():
             with pytest.raises(argparse.ArgumentTypeError, match=r"^needs an? .*number.*, got "):
                 action.type(text)
-
-
-def test_a_log_that_links_to_itself_is_refused(tmp_path, capsys):
-    log = tmp_path / "log.csv"
-    log.symlink_to(log)
-    for command in ("identify", "payload", "columns", "batch"):
-        more = ["--body", "tool", "--sensor", "wrist"] if command == "payload" else []
-        arguments = [command, ARM, str(log), "--base", "base", "--out", str(tmp_path / "out"), *more]
-        assert str(log) in refusal(main, arguments, capsys)
-    assert str(log) in refusal(main, ["compare", str(log), str(tmp_path)], capsys)
-
-
-def test_a_model_that_does_not_exist_is_refused_with_the_names_there_are(tmp_path, capsys):
-    models = {"excite": "double_pendulum, bowing, humanoid, arm"}
-    if find_spec("sympy") is not None:
-        models["derive"] = "table_1, table_2"
-    for command, names in models.items():
-        message = refusal(main, [command, "nope", "--out", str(tmp_path / "out")], capsys)
-        assert f"A model is one of {names}, or an MJCF, URDF or OpenSim file that exists, got 'nope'." in message
-    arguments = ["identify", ARM, ARM, "--packages", str(tmp_path / "nope"), "--out", str(tmp_path / "out")]
-    assert "--packages needs folders that exist, got" in refusal(main, arguments, capsys)
 
 
 @pytest.mark.parametrize("before", [None, "mine"])

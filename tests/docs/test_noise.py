@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,15 +46,40 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
     for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
         psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
         np.testing.assert_allclose(psi, who.true, atol=2e-3)
+    noisy = Case.drawn(CONDITIONS["pendulum_x3"], 0, 0)
+    given = who.mechanism, who.parameters.kept, noisy.recording, states(who, noisy.recording), who.commanded
+    answer = ESTIMATORS["pendulum"]["instruments"](noisy)
+    np.testing.assert_array_equal(answer.values, estimators.instrumental(*given)[0])
+
+
+DISTURBED = (
+    *("commands_trapezoids_plate", "rubs_trapezoids_100", "stribeck", "payload_gains", "torques_and_wrench"),
+    *("flicker", "random_walk", "student", "quantised", "bodies_drawn", "pendulum_ar80", "pendulum_missing"),
+    *("pendulum_outliers", "gains"),
+)
+"""Conditions that differ in kind."""
+
+
+@pytest.mark.parametrize("name", DISTURBED)
+def test_a_recording_is_drawn_by_its_number(name):
+    condition = replace(CONDITIONS[name], samples=150)
+    case, again, other = (Case.drawn(condition, 0, number) for number in (0, 0, 1))
+    assert case.recording.time.size <= 150 and case.drives == other.drives
+    for channel, values in case.recording.measured.items():
+        np.testing.assert_array_equal(values, again.recording[channel])
+        assert values.shape != other.recording[channel].shape or (values != other.recording[channel]).any()
+    assert (case.phi == other.phi).all() != condition.drawn
+    assert bool(case.recording.setup or case.recording.scales) == bool(condition.gain)
 
 
 @pytest.fixture
 def short(monkeypatch):
     """Replaces the trajectory estimate by quick estimators: half a minute of work in a second."""
     some = {name: CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
+    pendulum, person = ESTIMATORS["pendulum"], ESTIMATORS["person"]["usual_filter"]
     cheap = {
-        "pendulum": {"ordinary": ESTIMATORS["pendulum"]["ordinary"], "trajectory": estimators.commanded_instruments},
-        "person": {"usual_filter": estimators.usual_filter, "trajectory": estimators.usual_filter},
+        "pendulum": {"ordinary": pendulum["ordinary"], "trajectory": pendulum["instruments"]},
+        "person": {"usual_filter": person, "trajectory": person},
     }
     for module in (noise, counts):
         monkeypatch.setattr(module, "CONDITIONS", some)
@@ -77,6 +103,6 @@ def test_the_command_writes_tables(tmp_path, capsys):
 @pytest.mark.slow
 def test_processes_share_the_work(tmp_path):
     """Python does not give the functions of a package's `__main__` to other processes."""
-    command = [sys.executable, "-m", "docs.tools.noise", "--out", tmp_path, "--recordings", "2", "--workers", "2"]
+    command = [sys.executable, "-m", "docs.tools.noise", "--out", tmp_path, "--recordings", "2", "--workers", "1"]
     subprocess.run([*command, "--conditions", "short"], check=True, capture_output=True)
     assert (tmp_path / "table_coverage.csv").exists()

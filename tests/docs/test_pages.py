@@ -3,6 +3,7 @@
 import importlib
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -157,3 +158,48 @@ def test_every_column_has_a_head():
 
 def test_readme_is_short():
     assert len(TEXTS["README.md"].splitlines()) <= 150
+
+
+NUMBERS = r"\d+(?:-\d+)?(?:(?:,| and)\s\d+(?:-\d+)?)*"
+
+
+def numbers(text):
+    """Numbers of a list such as `1-3, 5`."""
+    ranges = ((int(a), int(b or a)) for a, b in re.findall(r"(\d+)(?:-(\d+))?", text))
+    return {k for first, last in ranges for k in range(first, last + 1)}
+
+
+def functions():
+    """Names of functions by equation."""
+    text = TEXTS["equations.md"].split("## Axes from poses")[0]
+    parts = re.split(rf"^Eqs?\. ({NUMBERS})", text, flags=re.MULTILINE)
+    out = {}
+    for listed, block in zip(parts[1::2], parts[2::2], strict=True):
+        for number in numbers(listed):
+            out[number] = re.findall(r"`(ident(?:\.\w+)+)`", block)
+    return out
+
+
+def test_every_equation_has_functions():
+    assert sorted(functions()) == list(range(1, 19))
+    assert [number for number, names in functions().items() if not names] == []
+
+
+@pytest.mark.parametrize("number", range(1, 19))
+def test_its_functions_name_it(number):
+    for name in functions()[number]:
+        module, _, function = name.rpartition(".")
+        described = getattr(importlib.import_module(module), function).__doc__
+        mentioned = set().union(*(numbers(each) for each in re.findall(rf"Eqs?\.\s({NUMBERS})", described)))
+        assert number in mentioned, name
+
+
+def test_one_version_everywhere():
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        version = tomllib.load(file)["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    cited = dict(re.findall(r"^(version|date-released): (\S+)$", citation, re.MULTILINE))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest, day = re.search(r"^## (\S+) \((\d{4}-\d\d-\d\d)\)$", changes, re.MULTILINE).groups()
+    assert cited == {"version": version, "date-released": day}
+    assert newest == version

@@ -7,13 +7,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from shared_studies import packaged_study
 
 import experiments
 from docs.tools import benchmark
 from docs.tools import pages as blocks
 from experiments.data.simulated_study import summary
 from experiments.reports import study_report
-from experiments.studies.simulation import study as study_of
 
 ROOT = Path(experiments.__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -41,7 +41,7 @@ def cells(markdown):
 )
 def test_tables_are_not_stale(name, table, study):
     printed = cells(block("study.md", name))
-    current = table(study_of(study))
+    current = table(packaged_study(study))
     fresh = cells(current.markdown())
     assert [row[0] for row in printed] == [row[0] for row in fresh]
     assert printed[0] == fresh[0]
@@ -53,7 +53,7 @@ def test_tables_are_not_stale(name, table, study):
 
 def test_condition_numbers_are_not_stale():
     text = page("study.md")
-    tilted, touching = study_of("misaligned"), study_of("multicontact")
+    tilted, touching = packaged_study("misaligned"), packaged_study("multicontact")
     for fit, published in (
         (tilted.fit("simplified"), "38.1"),
         (tilted.fit("full"), "334.2"),
@@ -63,7 +63,7 @@ def test_condition_numbers_are_not_stale():
 
 
 def test_errors_of_the_wrench_are_not_stale():
-    study = study_of("misaligned")
+    study = packaged_study("misaligned")
     printed, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
     assert [re.sub(r"[\d.]+", "#", cell) for row in printed for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
@@ -96,7 +96,7 @@ def test_the_benchmark_is_the_one_on_record():
     int(mujoco.__version__.split(".")[0]) < 4, reason="the hand's weld twists otherwise before MuJoCo 4"
 )
 def test_numbers_of_two_contacts_are_not_stale():
-    numbers = summary(study_of("multicontact", contact="pad handle"))
+    numbers = summary(packaged_study("multicontact", contact="pad handle"))
     condition, error = f"{numbers['condition_number']:.1f}", f"{numbers['largest_error']:.2f}"
     pad, hand, both = (f"{numbers[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
     share = f"touches the pad in {100 * numbers['fraction_all_touch']:.0f} % of the samples"

@@ -7,6 +7,8 @@ from test_readme import DOCS, ROOT, block, page
 
 from docs.tools import pages as blocks
 from docs.tools import validation_blocks
+from experiments.studies.validation.files import registry
+from experiments.studies.validation.validation_study import study_of
 from ident.errors import InputError
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has docs")
@@ -14,7 +16,7 @@ pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has d
 
 @pytest.fixture(scope="module")
 def shown():
-    return validation_blocks.shown_study(json.loads(page(validation_blocks.FILE)))
+    return study_of(json.loads(page(validation_blocks.FILE)), registry())
 
 
 def test_the_page_shows_the_run_on_record(shown):
@@ -27,24 +29,6 @@ def test_the_summaries_are_those_of_the_run_on_record(name, shown):
     text = (ROOT / name).read_text(encoding="utf-8")
     for block_name, content in validation_blocks.summary_blocks(shown).items():
         assert f"<!-- {block_name} -->\n{content}<!-- end {block_name} -->" in text
-
-
-def test_the_page_says_where_it_loses(shown):
-    losing = [each.entry.title for each in shown if (each.against_best > 1.05).any()]
-    worse = block("validation.md", "worse")
-    assert losing and all(
-        f"| {title} | {channel} | {own:.3f} |" in worse for title, (channel, own, *_) in _losses(shown)
-    )
-    assert {title for title, _ in _losses(shown)} == set(losing)
-    for each in shown:
-        for name, z in each.outside.items():
-            assert f"{each.entry.title} {name} (z {z:+.1f})" in worse
-        for goal in each.goals:
-            assert goal.met or f"| {each.entry.title} | {goal.what} |" in worse
-
-
-def _losses(shown):
-    return [(each.entry.title, loss) for each in shown for loss in each.losses]
 
 
 def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):

@@ -19,7 +19,9 @@ LARGE = bytes(2_000_000)
 """More bytes than a pipe holds."""
 
 
-def test_local_workers_are_an_executor():
+def test_local_workers_are_other_processes_with_one_thread_which_ignore_requests_to_end(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     with worker_pool(2) as pool:
         tasks = [pool.submit(size, LARGE, plus=k) for k in range(5)]
         refused, lost = pool.submit(refuse, "this"), pool.submit(unpicklable)
@@ -28,27 +30,15 @@ def test_local_workers_are_an_executor():
             refused.result()
         with pytest.raises(TypeError, match="pickle"):
             lost.result()
+        assert [pool.submit(os.getenv, name).result() for name in THREADS] == ["1"] * 3
+        assert pool.submit(os.getpid).result() != os.getpid()
+        if sys.platform != "win32":
+            assert {signal.SIGINT, signal.SIGTERM} <= pool.submit(blocked_signals).result()
+            assert signal.SIGINT not in blocked_signals()
     with pytest.raises(RuntimeError, match="after shutdown"):
         pool.submit(size, LARGE)
-
-
-def test_workers_are_other_processes_with_one_thread_for_linear_algebra(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    with worker_pool(2) as pool:
-        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-            assert pool.submit(os.getenv, name).result() == "1"
-        assert pool.submit(os.getpid).result() != os.getpid()
     assert 2 * Workers(2).threads <= max(os.cpu_count(), 2)
-    assert os.environ["OMP_NUM_THREADS"] == "8"
-    assert "MKL_NUM_THREADS" not in os.environ
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signal masks are POSIX")
-def test_workers_are_deaf_to_requests_to_end():
-    with worker_pool(1) as pool:
-        assert {signal.SIGINT, signal.SIGTERM} <= pool.submit(blocked_signals).result()
-    assert signal.SIGINT not in blocked_signals()
+    assert os.environ["OMP_NUM_THREADS"] == "8" and "MKL_NUM_THREADS" not in os.environ
 
 
 def test_a_dead_worker_is_one_sentence_however_large_the_tasks_are():
@@ -116,7 +106,7 @@ def variables_of(monkeypatch):
         for name, value in own.items():
             monkeypatch.setenv(name, value)
         during = {}
-        parser = options.plain_parser("any", None)
+        parser = options.parser("any", None, {})
         assert running.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
         assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
         return {name: during[name] for name in NAMES if name in during}

@@ -5,7 +5,6 @@ import json
 import mujoco
 import numpy as np
 import pytest
-from commands import refusal
 from marked import labels_of, marked_person, trc, trial
 from scipy.spatial.transform import Rotation
 
@@ -138,39 +137,3 @@ def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_pat
     recording = Recording.load(tmp_path / "out" / "angles.csv")
     for joint in joints:
         np.testing.assert_allclose(recording[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)
-
-
-REFUSED = {
-    "no site": ("", {"model": "bare.xml"}, "No marker has a site of its name: the markers are"),
-    "no such marker": ('[markers.NOSE]\nsite = "pelvis_0"', {}, "The file has no marker 'NOSE'"),
-    "no such site": ('[markers.pelvis_0]\nsite = "nose"', {}, "the model has no site 'nose'"),
-    "no such body": ('[markers.pelvis_0]\nbody = "x"\nposition = [0, 0, 0]', {}, "the model has no body 'x'"),
-    "no position": ('[markers.pelvis_0]\nbody = "pelvis"', {}, "a position [x, y, z] in m on it"),
-    "both": ('[markers.pelvis_0]\nbody = "pelvis"\nsite = "a"', {}, "got both"),
-    "one site": ('[markers.pelvis_0]\nsite = "pelvis_1"', {}, "'Anna:pelvis_1' have the same site"),
-    "weight": ("[markers.pelvis_0]\nweight = 0", {}, "markers.pelvis_0.weight needs a number above 0, got 0"),
-    "key": ("sight = 1", {}, "has no entry 'sight'; valid are unit, up, markers, scale"),
-    "up": ('up = "w"', {}, "up needs one of z, y, x; got w"),
-    "unit": ('unit = "m"', {}, "the file states its unit; leave out that lengths are in m"),
-    "groups": ('[scale]\ngroups = ["pelvis"]', {}, "scale.groups needs a list of lists of bodies, got pelvis"),
-    "toml": ("a = = 1", {}, "need to be TOML in UTF-8"),
-    "mass alone": ("", {"more": ["--mass", "70"]}, "--mass is about lengths that --scale finds"),
-    "base": ("", {"more": ["--base", "tail"]}, "no body named 'tail'"),
-    "fix": ("", {"more": ["--fix", "left_knee", "1", "2"]}, "--fix left_knee needs 1 coordinates, got 2"),
-    "wrenches": ("", {"more": ["--wrenches", "no_wrench.csv"]}, "no wrench is in this file"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_does_not_fit_is_refused_in_a_sentence(folder, tmp_path, capsys, monkeypatch, name):
-    settings, others, expected = REFUSED[name]
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "places.toml").write_text(settings)
-    (tmp_path / "bare.xml").write_text('<mujoco><worldbody><body name="a"><geom size="1"/></body></worldbody></mujoco>')
-    (tmp_path / "no_wrench.csv").write_text("time,a\n0,1\n1,2\n")
-    lines = (folder / "walk.trc").read_text().split("\n")
-    lines[2] = lines[2].replace("\t40\t", "\t3\t")
-    (tmp_path / "short.trc").write_text("\n".join(lines[:9]) + "\n")
-    model = others.get("model", str(folder / "person.xml"))
-    message = refusal(main, [model, "short.trc", "--places", "places.toml", *others.get("more", [])], capsys)
-    assert expected in message and message.count("\n") == 1

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -25,14 +26,22 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with the arm's model, two logs, and a file that is none."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The arm's model, two logs, and a file that is none."""
+    out = tmp_path_factory.mktemp("recorded")
+    (out / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     for seed in range(2):
-        driven_arm.log(4.0, 50.0, seed=seed).save(tmp_path / f"run{seed}.csv")
-    (tmp_path / "bad.csv").write_text("time,q\n0,1\n", encoding="utf-8")
+        driven_arm.log(4.0, 50.0, seed=seed).save(out / f"run{seed}.csv")
+    (out / "bad.csv").write_text("time,q\n0,1\n", encoding="utf-8")
+    return out
+
+
+@pytest.fixture
+def folder(recorded, tmp_path, monkeypatch):
+    """A working folder with these files."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
@@ -53,7 +62,7 @@ def logs():
 
 
 @pytest.mark.slow
-def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
+def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys, here):
     assert batch.main(["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr()
     assert "3 logs: " in shown.out and "error: 1 of 3 logs failed: bad.csv." in shown.err
@@ -207,56 +216,14 @@ def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, he
     assert "error: run1.csv: A worker process died." in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["absent.xml"], "absent.xml"),
-        (["bad.csv"], "bad.csv"),
-        (["arm.xml", "--base", "nobody"], "nobody"),
-        (["arm.xml", "--fix", "nobody", "0"], "nobody"),
-        (
-            ["arm.xml", "--columns", "absent.toml"],
-            "absent.toml: a mapping of columns needs to be TOML in UTF-8 (No such file",
-        ),
-        (["arm.xml", "--columns", "wrong.toml"], "wrong.toml: [joints] has no entry 'nobody'"),
-        (["arm.xml", "--held-out", "absent.csv"], "absent.csv"),
-        (["arm.xml", "--own", "offset"], "Only the trajectory estimate"),
-        (["arm.xml", "--gaps"], "--gaps"),
-    ],
-)
-def test_what_would_fail_every_log_is_refused_before_anything_is_touched(folder, capsys, options, message):
-    """A batch that was finished before keeps its tables, also with `--resume`."""
-    (folder / "wrong.toml").write_text('[joints.nobody]\nposition = "q"\n', encoding="utf-8")
-    (folder / "out").mkdir()
-    kept = {name: name.encode() for name in ("report.html", "batch.json", batch.PROGRESS)}
-    for name, content in kept.items():
-        (folder / "out" / name).write_bytes(content)
-    model, *rest = options
-    for resumed in ([], ["--resume"]):
-        command = [model, "run0.csv", "run1.csv", "--out", "out", *OPTIONS, *rest, *resumed]
-        assert batch.main(command) == 2
-        shown = capsys.readouterr()
-        assert message in shown.err and "logs failed" not in shown.err and not shown.out
-    assert {path.name: path.read_bytes() for path in (folder / "out").iterdir()} == kept
-    assert batch.main([model, "run0.csv", "--out", "new", *OPTIONS, *rest]) == 2 and not (folder / "new").exists()
-
-
-@pytest.mark.parametrize("name", ["Table_logs.csv", "provenance.json", "batch_outcomes_before.npz"])
-def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, capsys, name):
-    (folder / f"{name}.csv").write_bytes((folder / "run0.csv").read_bytes())
-    assert batch.main(["arm.xml", "run1.csv", f"{name}.csv", "--out", "out"]) == 2
-    message = f"The folder of the log '{name}.csv' would be '{name}', but that is kept for the batch's own files"
-    assert message in capsys.readouterr().err and not (folder / "out").exists()
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "content"), [("estimate.json", None), ("table_base_parameters.csv", b"")])
-def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here, name, content):
+def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     assert batch.main(command) == 0
-    file = folder / "out" / "run1" / name
+    file, other = (folder / "out" / "run1" / name for name in ("estimate.json", "table_base_parameters.csv"))
     before = file.read_bytes()
-    file.unlink() if content is None else file.write_bytes(content)
+    file.unlink()
+    other.write_bytes(b"")
     # What others put there does not count.
     (folder / "out" / "run0" / "note.txt").write_text("mine", encoding="utf-8")
     again, one = [], batch.outcome_of
@@ -264,6 +231,7 @@ def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkey
     for _ in range(2):
         assert batch.main([*command, "--resume"]) == 0
         assert again == ["run1"] and len(file.read_bytes()) == pytest.approx(len(before), rel=0.01)
+        assert other.read_bytes()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs locks of files")

@@ -45,41 +45,9 @@ def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
     assert columns.main([*arguments, "--force"]) == 0 and path.with_suffix(".toml").read_bytes() == first
 
 
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        (None, "there is no such file"),
-        ("", "the file is empty"),
-        ("hello\n", "needs a table with two columns of numbers"),
-        ("a,b\nx,y\n", "needs"),
-        ("time,a\n1,2\n2,3\n", "needs at least 10 samples"),
-        ("a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)), "no column of it grows as times do"),
-        ("time\n" + "".join(f"{k}\n" for k in range(50)), "needs a table with two columns of numbers"),
-    ],
-    ids=["missing", "empty", "words", "no numbers", "short", "no time", "time alone"],
-)
-def test_bad_logs_end_with_a_sentence(tmp_path, capsys, content, sentence):
-    path = tmp_path / "log.csv"
-    if content is not None:
-        path.write_text(content)
-    message = refusal(columns.main, [MODEL, str(path), "--base", "base"], capsys)
-    assert (
-        sentence in message
-        and message.count("\n") == 1
-        and message.startswith("python -m experiments.columns: error: ")
-    )
-    assert not path.with_suffix(".toml").exists()
-
-
 def test_other_logs_need_the_same_columns(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     another = tmp_path / "another.csv"
     another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
     message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
     assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message
-
-
-def test_the_mapping_never_takes_the_place_of_what_is_read(tmp_path, capsys):
-    path, _ = write(tmp_path, laboratory)
-    message = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)
-    assert "is read; choose another by --out" in message and path.stat().st_size > 1000

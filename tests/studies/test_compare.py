@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from commands import refusal
 from scipy import stats
 
 from experiments import compare
@@ -99,14 +98,6 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
 
 
-def test_results_whose_deviations_are_zero_are_refused(tmp_path, capsys):
-    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "ab"]
-    for file in (folder / "estimate.json" for folder in folders):
-        file.write_text(json.dumps({**json.loads(file.read_text()), "std_setup": [0.0, 0.2, 0.2, 0.2]}))
-    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
-    assert "its 'std_setup' has a deviation that is not positive" in said
-
-
 def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
     first = result(tmp_path / "a", [1.0, 2.0, 3.0])
     second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
@@ -124,33 +115,3 @@ def test_a_page_and_figures_are_written(tmp_path):
     assert page.count('class="known1"') == 3 and 'class="findings"' not in page
     tex = (tmp_path / "out" / "table_differences.tex").read_text()
     assert r"\emph{shank}" in tex and r"\emph{base}" in tex
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["a"], "needs two or more different folders"),
-        (["a", "a"], "needs two or more different folders"),
-        (["a", "absent"], "needs to hold results of identify, but estimate.json: No such file or directory."),
-        (["a", "{a}/.."], "Its folders hold some: '"),
-        (["a", "other"], "Results of one mechanism can be compared"),
-        (["a", "broken"], "lacks covariance"),
-        (["a", "b", "--out", "{a}"], "needs a folder of its own"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
-    folders = {name: result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("a", "b", "broken")}
-    folders["other"] = result(tmp_path / "other", [1.0, 2.0, 3.0], log="x", bodies=("base", "thigh"))
-    broken = json.loads((folders["broken"] / "estimate.json").read_text())
-    (folders["broken"] / "estimate.json").write_text(json.dumps({k: v for k, v in broken.items() if k != "covariance"}))
-    given = [str(tmp_path / x) if x in (*folders, "absent") else x.format(**folders) for x in arguments]
-    out = [] if "--out" in given else ["--out", str(tmp_path / "out")]
-    assert message in refusal(compare.main, [*given, *out], capsys)
-    assert not (tmp_path / "out").exists()
-
-
-def test_covariances_that_are_singular_together_are_refused(tmp_path, capsys):
-    one = np.ones((3, 3))
-    folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each, covariance=one) for each in "ab"]
-    message = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
-    assert "Differences of 'a' and 'b' need a covariance, but the sum of theirs is singular" in message

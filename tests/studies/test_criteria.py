@@ -2,13 +2,16 @@
 
 from dataclasses import replace
 
+import driven_arm
 import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
 import scenes
+from experiments.data import paper
 from experiments.studies import criteria, excitation_problem
+from experiments.studies.excitation_problem import SLIP, drive_signals
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose
@@ -109,3 +112,43 @@ def test_noise_is_what_the_models_sensors_state():
     np.testing.assert_allclose(covariance("wrench", (1.0, 0.1)), np.diag([1, 1, 1, 0.01, 0.01, 0.01]), atol=1e-12)
     assert covariance("torque") == pytest.approx(0.16)
     assert covariance("torque", (1.0, 0.1)) == pytest.approx(0.01)
+
+
+ALL = ("rotor", "viscous", "coulomb", "stribeck", "spring")
+
+
+def driven(drive, **stated):
+    return excitation_problem.problem(driven_arm.mechanism(**stated), None, sensors="torque", drive=drive)
+
+
+def random_motion(n=40):
+    q, dq, ddq = np.random.default_rng(0).uniform(-1, 1, size=(3, n, 3))
+    return Motion(q, 0.3 * dq, ddq)
+
+
+def test_columns_are_the_torques_of_unit_drives():
+    design, motion = driven(ALL), random_motion()
+    columns = dict(zip(design.drives, drive_signals(design.mechanism, design.drives, motion).T, strict=True))
+    q, dq, ddq = motion.q[:, 1], motion.dq[:, 1], motion.ddq[:, 2]
+    np.testing.assert_allclose(columns["K(lift)"][1], q - 0.4)
+    np.testing.assert_allclose(columns["Fv(lift)"][1], dq)
+    np.testing.assert_allclose(columns["Fc(lift)"][1], np.tanh(dq / SLIP))
+    np.testing.assert_allclose(columns["Ia(bend)"][2], ddq)
+    assert all(np.count_nonzero(column.any(axis=1)) == 1 for column in columns.values())
+    Y = design.regressor(*motion.states)
+    assert Y.shape == (len(motion), 3, len(design.names))
+
+
+@pytest.mark.parametrize("samples", [40, 3])
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
+def test_derivatives_are_differences(criterion, samples):
+    """With few samples, some combinations are not excited."""
+    design, motion, step = driven(ALL), random_motion(samples), 1e-6
+    cost = criteria.cost(design, criterion, 1000)
+    _, derivatives = cost(*motion.states)
+    rng = np.random.default_rng(1)
+    for which in range(3):
+        direction = rng.normal(size=motion.q.shape)
+        moved = [[x + sign * step * direction * (k == which) for k, x in enumerate(motion.states)] for sign in (1, -1)]
+        difference = (cost(*moved[0])[0] - cost(*moved[1])[0]) / (2 * step)
+        assert (derivatives[which] * direction).sum() == pytest.approx(difference, rel=1e-3, abs=1e-6)

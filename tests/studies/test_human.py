@@ -20,7 +20,7 @@ from ident.recordings.recording import Recording
 
 @pytest.fixture
 def at_the_rail(monkeypatch):
-    """Uses the person at the rail for both; `test_person_without_rail.py` covers the other."""
+    """Uses the person at the rail for both; another test covers the one without."""
 
     def once(seconds, *, laboratory, activities, **_):
         return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))
@@ -67,7 +67,7 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "undrawn")
 def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys, monkeypatch):
     asked = []
 
@@ -94,13 +94,6 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
     assert float(first["times_better"]) == pytest.approx(better.min())
     assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not every["noise_of_angles"]
     assert "laboratory" in refusal(main, [c for c in command if c != "--no-rail"] + ["--resume"], capsys)
-    assert "belong to --persons" in refusal(main, ["--resume", "--out", str(tmp_path)], capsys)
-
-
-def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
-    for option, value in (("--noise", "40"), ("--from", "films"), ("--seconds", "1"), ("--activities", "sleeping")):
-        message = refusal(main, [option, value, "--out", str(tmp_path / "out")], capsys)
-        assert value in message
 
 
 def test_recordings_are_saved_as_they_were_simulated(tmp_path):
@@ -111,3 +104,14 @@ def test_recordings_are_saved_as_they_were_simulated(tmp_path):
         recording.save(tmp_path / name)
         assert_same_recording(Recording.load(tmp_path / name), recording)
         assert recording.setup and recording.provenance["activity"] == activity
+
+
+@pytest.mark.slow
+def test_two_feet_on_plates_tell_what_unseen_motions_need():
+    person = persons.briefly()
+    assert person.coverage > 0.85 and person.determined.sum() >= 9
+    assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
+    (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
+    assert abs(late.value - 0.02) < 3 * late.std
+    prior, joint = (person.errors[name] for name in ("prior", "trajectory estimate"))
+    assert joint.sum() < 0.6 * prior.sum()

@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+import opensim_walker
 import pytest
 from commands import refusal
 from opensim_files import Joint, constant, coordinate, document, linear, spatial, table
@@ -97,17 +98,42 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     assert min(stated[[0, 1, 5]] / error[[0, 1, 5]]) > 3
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["winter", "--mass", "70"], "--prior winter needs --mass, --height, --sex; --height, --sex is missing."),
-        (["auto", "--mass", "70"], "--mass belongs to a table of people, --prior winter, deleva, dumas."),
-        (["dumas", "--mass", "70", "--height", "1.7", "--sex", "male"], "got femur = 'thighs'"),
-        (["dumas", "--mass", "-7", "--height", "1.7", "--sex", "male"], "--mass: needs a positive number"),
-    ],
-)
-def test_a_table_needs_its_person(swing, tmp_path, capsys, options, message):
+def test_a_segment_of_no_table_is_refused(swing, tmp_path, capsys):
     path, log, _ = swing
     (tmp_path / "columns.toml").write_text(SEGMENTS.replace('"thigh"', '"thighs"'))
     given = [str(path), str(log), "--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path), "--prior"]
-    assert message in refusal(identify.main, [*given, *options], capsys)
+    person = ["dumas", "--mass", "70", "--height", "1.7", "--sex", "male"]
+    assert "got femur = 'thighs'" in refusal(identify.main, [*given, *person], capsys)
+
+
+PLATE = """[base]
+held = false
+[wrenches.plate]
+frame = "world"
+on = "tibia"
+force = ["ground_force_1_vx", "ground_force_1_vy", "ground_force_1_vz"]
+point = ["ground_force_1_px", "ground_force_1_py", "ground_force_1_pz"]
+free_moment = ["ground_force_1_mx", "ground_force_1_my", "ground_force_1_mz"]
+"""
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    out = tmp_path_factory.mktemp("walk")
+    opensim_walker.trial(out, opensim_walker.leg(out))
+    return out
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_what_is_wrong_is_said_of_the_files_that_were_given(walk, tmp_path, capsys):
+    """Angles are fitted to markers first, and missing ones are reported."""
+    log, plates = f"{walk / 'walk.trc'}+{walk / 'walk.mot'}", tmp_path / "bad.toml"
+    plates.write_text(PLATE.replace("ground_force_1_vx", "gone"))
+    given = [str(walk / "leg.osim"), log, "--out", str(tmp_path / "out"), "--columns"]
+    message = refusal(identify.main, [*given, str(plates)], capsys)
+    assert f"{log}: " in message and "'gone'" in message and "/tmp" not in message.replace(str(walk), "")
+    lines = (walk / "walk.trc").read_text(encoding="utf-8").replace("tibia", "other")
+    (tmp_path / "walk.trc").write_text(lines, encoding="utf-8")
+    given[1] = f"{tmp_path / 'walk.trc'}+{walk / 'walk.mot'}"
+    message = refusal(identify.main, [*given, "x"], capsys)
+    assert "the markers do not determine knee; leave what they do not tell of out by --fix knee." in message

@@ -85,15 +85,6 @@ def test_a_screen_has_the_verdict_the_numbers_and_where_the_rest_is(files, tmp_p
     assert "setLoad" not in " ".join(lines) and "payload.txt has these for URDF" in " ".join(lines)
 
 
-def test_what_is_missing_is_named(files, tmp_path, capsys):
-    out = ["--out", str(tmp_path / "none")]
-    assert "needs the wrench 'wrist', its wrenches are none: say in the columns file under [wrenches.wrist]" in refusal(
-        payload.main, [*files[:-2], *out], capsys
-    )
-    assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, [*files[:2], *out], capsys)
-    assert not (tmp_path / "none").exists()
-
-
 def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsys):
     monkeypatch.setattr("ident.payload.beyond_sensor.identify_payload", None)
     for flange, sentence in (

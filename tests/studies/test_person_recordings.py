@@ -5,10 +5,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from commands import refusal
 
 import scenes
-from experiments import human
 from experiments.data.simulated_person import Laboratory
 from experiments.reports.human_report import measured
 from experiments.studies.person_recordings import BASE, SENSORS, Faults, drawn, humanoid, moved, recorded
@@ -104,9 +102,7 @@ def test_angles_from_markers_are_as_good_as_they_are_said_to_be():
     assert errors[0.004][0] < 1.3 and errors[0.004][1] > 0.004
 
 
-def test_noise_of_angles_is_not_stated_of_markers(tmp_path, capsys):
-    given = ["--from", "markers", "--noise", "5", "--out", str(tmp_path / "out")]
-    assert "(--noise) belongs to --from angles or correlated" in refusal(human.main, given, capsys)
+def test_noise_of_angles_is_not_stated_of_markers():
     assert measured(Laboratory(markers=True)).endswith("markers, with noise of 2 mm, on skin that moves by 4 mm.")
     assert measured(Laboratory(2.0, 0.9)) == "Angles have noise of 2°, correlated at 0.9 from sample to sample."
     assert measured(Laboratory()) == "Angles have noise of 0.5°, white."

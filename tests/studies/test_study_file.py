@@ -146,11 +146,7 @@ def toml(values):
             "models.True needs another name: curves of wrenches call true, measured, ground what",
         ),
         ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
-        (
-            '"double_pendulum"\n[scene]',
-            '"wild"\n[scene]',
-            "excitation needs one of double_pendulum, bowing; got wild",
-        ),
+        ('"double_pendulum"\n[scene]', '"wild"\n[scene]', "excitation needs one of double_pendulum, bowing; got wild"),
         ("[models]", "[models", "a study needs to be TOML in UTF-8"),
         ("m1 = 0.5", 'm1 = "a"', "published.error.drawn.m1 needs a number"),
     ],
@@ -191,8 +187,6 @@ def test_whatever_stands_in_a_file_is_understood_or_refused(text, tmp_path):
     assert refused > 400
 
 
-def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
-    message = refusal(study.main, [str(tmp_path / "absent.toml")], capsys)
-    assert "misaligned, multicontact, several_contacts come with this package" in message
+def test_trials_need_models(capsys, tmp_path):
     path = str(written(tmp_path, OWN))
     assert "--trials needs [trials]" in refusal(study.main, [path, "--trials", "2", "--out", str(tmp_path)], capsys)

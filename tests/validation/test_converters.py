@@ -11,13 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.studies.validation.converters import (
-    clamped,
-    joint_states,
-    noisy,
-    tensors,
-    wrong_bodies,
-)
+from experiments.studies.validation.converters import clamped, joint_states, noisy, tensors, wrong_bodies
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
 

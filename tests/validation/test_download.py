@@ -29,9 +29,22 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.csv"]
 
 
-def test_a_wrong_hash_leaves_nothing_but_the_earlier_file(tmp_path):
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        (CONTENT + b"!", {}, f"the registry expects {SHA256}"),
+        (CONTENT, {"largest": 1000}, "larger than the largest size"),
+        (CONTENT[:1000], {"whole": len(CONTENT)}, "after 1000 of 768000"),
+        *(
+            (CONTENT, {"status": 302, "location": location}, "cannot be downloaded")
+            for location in ("http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x")
+        ),
+    ],
+)
+def test_what_is_wrong_leaves_nothing_but_the_earlier_file(tmp_path, monkeypatch, content, options, message):
+    monkeypatch.setattr(downloads, "LARGEST", options.pop("largest", downloads.LARGEST))
     (tmp_path / "a.csv").write_bytes(b"earlier")
-    with server(CONTENT + b"!") as (url, _), pytest.raises(InputError, match=f"the registry expects {SHA256}"):
+    with server(content, **options) as (url, _), pytest.raises(InputError, match=message):
         download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
     assert (tmp_path / "a.csv").read_bytes() == b"earlier" and len(list(tmp_path.iterdir())) == 1
 
@@ -42,27 +55,6 @@ def test_a_refused_connection_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"is there a network\?.*--data"):
         download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_a_file_that_is_too_large_is_not_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(downloads, "LARGEST", 1000)
-    with server() as (url, _), pytest.raises(InputError, match="larger than the largest size"):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-
-
-def test_one_that_broke_off_is_not_kept(tmp_path):
-    with (
-        server(CONTENT[:1000], whole=len(CONTENT)) as (url, _),
-        pytest.raises(InputError, match="after 1000 of 768000"),
-    ):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("location", ["http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x"])
-def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
-    with server(status=302, location=location) as (url, _), pytest.raises(InputError, match="cannot be downloaded"):
-        download(f"{url}/a.csv", tmp_path / "a.csv")
 
 
 ENTRY = Entry(

@@ -177,15 +177,6 @@ def test_where_it_loses_it_says_so(result):
     assert not any("Another candidate" in line for line in report.lines(good))
 
 
-def test_the_steel_pendulum_s_table_has_the_form_of_the_paper_s(result):
-    (each,) = result
-    table = validation_tables.table_steel(each)
-    assert table.columns == ("parameter", "published", "error_model", "error_least_squares", "error", "std")
-    name, published, of_model, _, error, std = table.rows[0]
-    assert (name, published) == ("Fc(turn)", 0.9) and of_model == pytest.approx(0.0)
-    assert (error, std) == (each.values[name][0] - 0.9, each.values[name][2])
-
-
 def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown(arm, result, tmp_path):
     data, entry = arm
     other = replace(entry, name="other")

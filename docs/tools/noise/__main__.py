@@ -3,7 +3,6 @@
 import argparse
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 
 from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS
@@ -37,15 +36,13 @@ def run(args: argparse.Namespace) -> None:
     write(document, options.output_of(args))
 
 
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = argparse.ArgumentParser("python -m docs.tools.noise", description=__doc__)
-    out.add_argument("--out", type=Path, default=Path("results/noise"), help="folder for the results")
-    out.add_argument("--seed", type=int, default=0, help="seed of all noise")
-    out.add_argument("--recordings", type=options.whole_number(2), default=5, help="recordings of each condition")
-    out.add_argument("--conditions", nargs="+", metavar="NAME", help="rows of CONDITIONS, by default all")
-    options.add_workers(out)
-    return out
+OPTIONS: options.Options = {
+    **options.output("results/noise"),
+    "--seed": ("seed of all noise", {"type": int, "default": 0}),
+    "--recordings": ("recordings of each condition", {"type": options.whole_number(2), "default": 5}),
+    "--conditions": ("rows of CONDITIONS, by default all", {"nargs": "+", "metavar": "NAME"}),
+    **options.WORKERS,
+}
+"""Options of the command."""
 
-
-main = running.main(__name__, run, parser)
+parser, main = running.command(__name__, "docs.tools.noise", __doc__, run, OPTIONS)

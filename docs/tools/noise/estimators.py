@@ -223,44 +223,42 @@ def carried(case: Case) -> Answer:
     return Answer(names, load.values[:4], load.std[:4], true, load.std_setup[:4], setup)
 
 
-def commanded_instruments(case: Case) -> Answer:
-    """Instrumental variables: the regressor at measured states, the instruments at the commanded ones."""
-    who = case.subject
-    motion = Motion(*case.recording.joint_states(who.mechanism.tree.joints))
-    return _instrumental(case, motion, who.commanded)
+States = Callable[[Case], tuple[Motion, int]]
+"""States of a case, and samples to leave out at each end."""
 
 
-def usual_filter(case: Case) -> Answer:
-    """Least squares at states from a filter with the usual cut-off."""
-    motion, edge = low_passed(case.subject.mechanism, case.recording, USUAL)
-    return _instrumental(case, motion, edge=edge)
+def measured(case: Case) -> tuple[Motion, int]:
+    """The measured states."""
+    return Motion(*case.recording.joint_states(case.subject.mechanism.tree.joints)), 0
 
 
-def filtered_instruments(case: Case) -> Answer:
-    """Instrumental variables: the regressor at those states, the instruments at more strongly filtered states.
-
-    A person has no commanded motion from which noise-free instruments could be simulated.
-    """
-    motion, _ = low_passed(case.subject.mechanism, case.recording, USUAL)
-    instruments, edge = low_passed(case.subject.mechanism, case.recording)
-    return _instrumental(case, motion, instruments, edge)
+def commanded(case: Case) -> tuple[Motion, int]:
+    """The commanded states, which are free of noise; a person has none."""
+    return case.subject.commanded, 0
 
 
-def cross_validated(case: Case) -> Answer:
-    """Least squares at states from splines chosen by cross-validation."""
-    motion, edge = splined(case.subject.mechanism, case.recording)
-    return _instrumental(case, motion, edge=edge)
+def filtered(case: Case, cutoff: float | None = None) -> tuple[Motion, int]:
+    """States from a filter, by default a stronger one than with the usual cut-off."""
+    return low_passed(case.subject.mechanism, case.recording, cutoff)
 
 
-def _instrumental(case: Case, motion: Motion, instruments: Motion | None = None, edge: int = 0) -> Answer:
-    """Answer by instrumental variables."""
-    who = case.subject
-    kept = who.parameters.kept
-    psi, std = instrumental(who.mechanism, kept, case.recording, motion, instruments, edge)
+def cross_validated(case: Case) -> tuple[Motion, int]:
+    """States from splines chosen by cross-validation."""
+    return splined(case.subject.mechanism, case.recording)
+
+
+def regressed(case: Case, states: States, instruments: States | None = None) -> Answer:
+    """Answer by instrumental variables: the regressor at some states, the instruments at the same or at others."""
+    who, (motion, edge), others = case.subject, states(case), None
+    if instruments is not None:
+        others, edge = instruments(case)
+    psi, std = instrumental(who.mechanism, who.parameters.kept, case.recording, motion, others, edge)
     return Answer(who.parameters.names, psi, std, who.parameters.regroup(case.phi))
 
 
 Estimator = Callable[[Case], Answer]
+
+USUALLY_FILTERED = partial(filtered, cutoff=USUAL)
 
 TRAJECTORY: Mapping[str, Estimator] = {"trajectory": partial(identified, estimator="trajectory")}
 
@@ -268,13 +266,13 @@ ESTIMATORS: Mapping[str, Mapping[str, Estimator]] = {
     "pendulum": {
         "ordinary": partial(identified, estimator="ordinary"),
         "weighted": partial(identified, estimator="weighted"),
-        "instruments": commanded_instruments,
+        "instruments": partial(regressed, states=measured, instruments=commanded),
         **TRAJECTORY,
     },
     "person": {
-        "usual_filter": usual_filter,
-        "instruments": filtered_instruments,
-        "spline": cross_validated,
+        "usual_filter": partial(regressed, states=USUALLY_FILTERED),
+        "instruments": partial(regressed, states=USUALLY_FILTERED, instruments=filtered),
+        "spline": partial(regressed, states=cross_validated),
         "chosen_filter": partial(identified, estimator="weighted", cutoff="auto"),
         **TRAJECTORY,
     },

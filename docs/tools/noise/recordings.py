@@ -1,6 +1,6 @@
 """Recordings of a robot, an arm and a person with noise, drift, outliers, quantisation and friction."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
@@ -66,8 +66,7 @@ def noisy_recording(condition: Condition, seed: int, number: int) -> Recording:
     noise = {name: level * factors.get(name, 1) for name, level in exact.noise.items()}
     recording = with_noise(replace(exact, noise=noise), np.random.default_rng(white))
     rng = np.random.default_rng(faults)
-    measured = _at_fault(recording, condition, rng)
-    measured = _unusual(replace(recording, measured=measured), condition, np.random.default_rng(others))
+    measured = _disturbed(recording, condition, rng, np.random.default_rng(others))
     if not condition.missing:
         return replace(recording, measured=measured)
     there = rng.random(exact.time.size) >= condition.missing
@@ -85,7 +84,9 @@ def exact_recording(condition: Condition, seed: int, number: int) -> tuple[Recor
     else:
         # Without noise on the motion all recordings are equal.
         recording = _motion(condition.subject, condition.length, own if who.excitation.noise else 0)
-        motion = _motion_of(recording, who.mechanism.tree.joints)
+        joints = who.mechanism.tree.joints
+        known = all(f"{joint}_{kind}" in recording.true for joint in joints for kind in STATES)
+        motion = Motion(*recording.noise_free.joint_states(joints)) if known else None
     if not condition.drawn:
         return recording, motion
     assert motion is not None
@@ -118,8 +119,10 @@ def _misstated(recording: Recording, condition: Condition, rng: np.random.Genera
     return replace(recording, measured=read, true=read, setup={"gain": condition.gain})
 
 
-def _at_fault(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Channels with autocorrelated noise on angles, and with outliers."""
+def _disturbed(
+    recording: Recording, condition: Condition, rng: np.random.Generator, others: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Channels with autocorrelated noise on angles, outliers, noise from Student's t, drift, and steps."""
     measured, noise = dict(recording.measured), recording.noise
     angles = [f"{joint}_position" for joint in SUBJECTS[condition.subject].mechanism.tree.joints]
     if condition.decay:
@@ -129,27 +132,13 @@ def _at_fault(recording: Recording, condition: Condition, rng: np.random.Generat
     for name in [*angles, *GROUND] if condition.outliers else ():
         gross = (rng.random(measured[name].shape) < condition.outliers) * rng.normal(size=measured[name].shape)
         measured[name] = measured[name] + GROSS * noise[name] * gross
-    return measured
-
-
-def _unusual(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Channels with noise from Student's t, with drift, and quantised."""
-    measured, noise = dict(recording.measured), recording.noise
     for name, true in recording.true.items() if condition.freedom else ():
         if name in noise:
-            measured[name] = true + noise[name] * student(rng, true.shape, condition.freedom)
+            measured[name] = true + noise[name] * student(others, true.shape, condition.freedom)
     for name in GROUND if condition.drift else ():
-        measured[name] = measured[name] + noise[name] * DRIFTS[condition.drift](rng, measured[name].shape)
-    angles = [f"{joint}_position" for joint in SUBJECTS[condition.subject].mechanism.tree.joints]
+        measured[name] = measured[name] + noise[name] * DRIFTS[condition.drift](others, measured[name].shape)
     steps = dict.fromkeys(angles, condition.steps[0]) | dict(zip(GROUND, condition.steps[1:], strict=True))
     return {name: quantised(x, steps.get(name, 0.0)) for name, x in measured.items()}
-
-
-def _motion_of(recording: Recording, joints: Sequence[str]) -> Motion | None:
-    """Motion of a recording; None if it lacks joint states."""
-    channels = [f"{joint}_{kind}" for joint in joints for kind in STATES]
-    known = all(name in recording.true for name in channels)
-    return Motion(*recording.noise_free.joint_states(joints)) if known else None
 
 
 @lru_cache(maxsize=2)

@@ -1,0 +1,11 @@
+"""The studies of the package, simulated and identified once for all tests of a process."""
+
+from functools import cache
+
+from experiments.studies.simulation import study
+
+
+@cache
+def packaged_study(name, **options):
+    """A study of the package; its trajectory estimates are made at first use and kept."""
+    return study(name, **options)
