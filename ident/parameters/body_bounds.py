@@ -11,6 +11,7 @@ that; what the prior adds are the combinations across H.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -177,18 +178,28 @@ class Fitting:
     """Conditions on bodies and rotors: an estimate of ψ, and a prior.
 
     Attributes:
-        B: Derivative of ψ by φ and by rotors (r, 10 b + k).
-        psi: ψ (r,).
+        base: The regrouping behind ψ.
+        psi: ψ, without the model's values of the rotors (r,).
         root: Lower triangular root of its covariance (r, r).
+        rotors: Rotors that ψ contains.
         prior: Prior of bodies in addition.
-        rotors: Number of rotors k.
+        frames: Mask of the parameters of frames, which have no mass (10 b,).
     """
 
-    B: np.ndarray
+    base: BaseParameters
     psi: np.ndarray
     root: np.ndarray
+    rotors: Rotors
     prior: BodyPrior
-    rotors: int
+    frames: np.ndarray
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Rows of unit variance: derivatives of ψ by φ and rotors, and ψ with all of the rotors (r, 10 b + k + 1)."""
+        of_links, rotors = self.base.regroup(np.eye(len(self.frames))).T, self.rotors
+        of_links[:, self.frames] = 0
+        psi = self.psi + rotors.columns @ rotors.stated
+        return linalg.solve_triangular(self.root, np.c_[of_links, rotors.columns, psi], lower=True)
 
     def bounds(self, phi: np.ndarray) -> np.ndarray:
         """Intervals of mass, centre of mass and inertia about the frame's origin of each body (b, 10, 2).
@@ -198,11 +209,7 @@ class Fitting:
         Args:
             phi: Physical bodies to start from, zeros for frames, which have no mass (10 b,).
         """
-        rows, right = (
-            linalg.solve_triangular(self.root, self.B, lower=True),
-            linalg.solve_triangular(self.root, self.psi, lower=True),
-        )
-        has_mass = phi[::10] > 0
+        rows, right, has_mass = self.rows[:, :-1], self.rows[:, -1], phi[::10] > 0
         kept, out = np.repeat(has_mass, 10), np.zeros((len(has_mass), 10, 2))
         if not self.prior.used:
             of_rotors = np.ones(rows.shape[1] - len(phi), bool)
