@@ -20,7 +20,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.recovered_axes import estimate_screw, recover_axes
 from ident.mechanism.tree import Tree
-from ident.model.pullback import pulled_back
+from ident.model.adjoint import pulled_back
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.prior import body_covariance, known_covariances

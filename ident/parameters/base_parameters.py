@@ -186,8 +186,9 @@ def _of_structure(
 
         along = elimination(structure)
         if along.clear and kept is None and (made := along.coefficients) is not None:
-            beta = _in_si(made, along.norms * units, along.kept, along.others)
-            return BaseParameters(names, tuple(along.kept.tolist()), tuple(along.others.tolist()), beta, along.gap)
+            chosen, others = along.kept.tolist(), along.others.tolist()
+            beta = _in_si(made, along.norms * units, chosen, others)
+            return BaseParameters(names, tuple(chosen), tuple(others), beta, along.gap)
     rows = structure.matrix
     if not rows.any():
         raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")

@@ -24,7 +24,7 @@ from ident.geometry.inertia import (
 )
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.consistent_set import UNITS, ConsistentSet, traces
+from ident.parameters.consistent_set import UNITS, maxima, traces
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
 
@@ -260,11 +260,11 @@ def _bounds(rows: np.ndarray, right: np.ndarray, phi: np.ndarray, room: float, l
         f[k, :, 10 * k : 10 * k + 10] = forms[k].T
         d[k, 1:4, 10 * k : 10 * k + 10] = forms[k][:, 0]
     f, d = f.reshape(10 * b, -1), d.reshape(10 * b, -1)
-    maxima = ConsistentSet(A, right, square + room, b).maxima(np.vstack([-f, f]), np.vstack([d, d])).reshape(2, b, 10)
-    maxima[0] *= -1
+    lower, upper = maxima(A, right, square + room, b, np.vstack([-f, f]), np.vstack([d, d])).reshape(2, b, 10)
+    lower *= -1
     # Mass and moments of inertia are positive.
-    maxima[0][:, [0, 4, 5, 6]] = np.maximum(maxima[0][:, [0, 4, 5, 6]], 0)
-    return np.moveaxis(maxima, 0, -1)
+    lower[:, [0, 4, 5, 6]] = np.maximum(lower[:, [0, 4, 5, 6]], 0)
+    return np.stack([lower, upper], axis=-1)
 
 
 def _forms(L: np.ndarray) -> np.ndarray:

@@ -192,7 +192,7 @@ class _Group(NamedTuple):
 
 def _rows_by_bodies(
     structure: Structure, near: dict[int, dict[int, np.ndarray]]
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+) -> Iterator[tuple[list[int], np.ndarray]]:
     """Groups of bodies that share rows, and these rows; `near` as by `_composites`."""
     acting = [(rows, near[i]) for i, rows in structure.rows.items() if len(rows) and near[i]]
     number, none = len(structure.tree.inertial), np.zeros((10, 10))
@@ -202,9 +202,9 @@ def _rows_by_bodies(
     for rows, parts in acting:
         own[group[next(iter(parts))]].append((rows, parts))
     for k in range(max(group) + 1):
-        bodies = np.flatnonzero(group == k)
-        rows = [np.hstack([K @ parts.get(i, none) for i in bodies]) for K, parts in own[k]]
-        yield bodies, np.vstack([np.zeros((0, 10 * len(bodies))), *rows])
+        bodies = np.flatnonzero(group == k).tolist()
+        stacked = [np.hstack([K @ parts.get(i, none) for i in bodies]) for K, parts in own[k]]
+        yield bodies, np.vstack([np.zeros((0, 10 * len(bodies))), *stacked])
 
 
 def _composites(structure: Structure) -> tuple[list[int], list[np.ndarray], dict[int, dict[int, np.ndarray]]]:

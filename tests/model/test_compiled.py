@@ -10,7 +10,7 @@ from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import adjoint, compiled, regressor
-from ident.model.steps import OTHERS
+from ident.model.compiled import OTHERS
 from ident.model.tape import Program, Tape
 
 pytestmark = pytest.mark.skipif(not compiled.available(), reason="built without a compiler, or switched off")

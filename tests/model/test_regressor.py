@@ -20,8 +20,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim, regressor
+from ident.model.adjoint import pulled_back
 from ident.model.inverse_dynamics import inverse_dynamics
-from ident.model.pullback import pulled_back
 from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 

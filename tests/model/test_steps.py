@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ident.model import compiled
-from ident.model.steps import steps
-from ident.model.tape import Program, Tape
+from ident.model.tape import Program
 
 INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
 FIRST = INPUTS + len(NUMBERS) + RESULTS
@@ -42,11 +41,3 @@ def test_random_programs_give_what_numpy_gives(seed):
                 program.run(x, out)
             computed.append(out)
         np.testing.assert_allclose(*computed, rtol=1e-9, atol=1e-9 * np.max(abs(computed[0]), initial=1))
-
-
-def of(expression, inputs=4):
-    """The steps of an expression, and its program."""
-    tape = Tape(inputs)
-    program = Program.of(tape, [expression(*tape.inputs)])
-    first = inputs + len(program.numbers)
-    return steps(program.code, first + 1, -2, -1).tolist(), first
