@@ -97,8 +97,6 @@ def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():
         full = consistent_parameters(measured(rng, base.regroup(truth), C), C, base, random_phi(rng, count))
         limits, own = full.intervals, with_centers(truth)
         inside.append(((limits[..., 0] <= own) & (own <= limits[..., 1])).mean())
-        again = consistent_parameters(full.fitting.psi, C, base, full.prior)
-        np.testing.assert_array_equal(again.intervals, replace(again).intervals)
     assert np.mean(inside) >= 0.95
 
 
