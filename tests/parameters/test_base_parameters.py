@@ -15,7 +15,7 @@ from mechanisms import (
     regrouping_error,
     tilted_axis,
 )
-from regroupings import check_regroupings, tree_of_any_kind
+from regroupings import check_regroupings, tree_of_any_kind, unit_condition
 from scipy import linalg
 
 from experiments.data import paper
@@ -218,12 +218,6 @@ needs_animals = pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not
 
 @needs_animals
 @pytest.mark.extras
-def test_kept_columns_span_the_regressor_of_40_random_trees():
-    check_regroupings(40)
-
-
-@needs_animals
-@pytest.mark.extras
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
 def test_kept_columns_span_the_regressor(animal):
     model = compiled(Path(DM_CONTROL.submodule_search_locations[0], "locomotion/walkers/assets", animal))
@@ -232,7 +226,6 @@ def test_kept_columns_span_the_regressor(animal):
     base = find_base_parameters(tree, gravity=gravity)
     Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 300), gravity=gravity)
     assert regrouping_error(base, Y) <= 1e-10
-    kept = base.reduce(Y).reshape(-1, base.rank)
-    assert np.linalg.cond(kept / np.linalg.norm(kept, axis=0)) <= 1e7
+    assert unit_condition(base, Y) <= 1e7
     assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1]
     assert base.passed_over
