@@ -50,7 +50,7 @@ class Elimination:
         others: Indices of the other columns (P - r,).
         rows: Rows R on the composites (m, P).
         inverse: Their pseudo-inverse (P, m).
-        kernel: Composites without effect on them (P, P - r).
+        kernel: Composites without effect on them, one for each of the other columns (P, P - r).
         steps: `1 - S`, φ from the composites (P, P).
         distinct: True if the rank of every group is beyond doubt.
         passed: True if a column that is nearly dependent was passed over.
@@ -141,14 +141,15 @@ def elimination(structure: Structure) -> Elimination:
     rows, inverse, kernel = (
         sparse.block_diag(x, format="csr") for x in zip(*(part[:3] for part in parts), strict=True)
     )
-    kept = np.sort(np.concatenate([own[part.kept] for own, part in zip(columns, parts, strict=True)]))
+    kept = np.concatenate([own[part.kept] for own, part in zip(columns, parts, strict=True)])
+    others = np.concatenate([np.delete(own, part.kept) for own, part in zip(columns, parts, strict=True)])
     return Elimination(
         norms=norms,
-        kept=kept,
-        others=np.setdiff1d(np.arange(len(norms)), kept),
+        kept=np.sort(kept),
+        others=np.sort(others),
         rows=rows[:, order],
         inverse=inverse[order],
-        kernel=kernel[order],
+        kernel=kernel[order][:, np.argsort(others)],
         steps=sparse.eye_array(len(norms), format="csr") - shift.tocsr(),
         distinct=all(part.distinct for part in parts),
         passed=any(part.passed for part in parts),
