@@ -1,5 +1,6 @@
 """Base parameters against ranks and regressors, and their elimination against the plain way."""
 
+import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +18,7 @@ from mechanisms import (
 )
 from regroupings import check_regroupings, tree_of_any_kind, unit_condition
 from scipy import linalg
+from test_against_opensymoro import DATA, tree_of
 
 from experiments.data import paper
 from ident.errors import InputError
@@ -179,6 +181,13 @@ def check_equal(along, whole):
 def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
     _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
     check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
+
+
+def test_coefficients_along_the_tree_are_zero_where_they_are_rounding_errors(monkeypatch):
+    """As of robots whose axes are at right angles to rounding."""
+    for path in DATA:
+        golden = json.loads(path.read_text(encoding="utf-8"))
+        check_equal(*both_ways(monkeypatch, tree_of(golden), np.array(golden["gravity"]), Sensors()))
 
 
 def plainly_exchanged(order, made, largest):
