@@ -78,6 +78,7 @@ CALLS = {
     "a mechanism for its tree": (lambda: mc.Mechanism(ARM, GRAVITY), "tree needs a Tree; got an object of type Mech"),
     "gravity downwards": (lambda: mc.Mechanism(TREE, "down"), "Gravity needs three finite numbers"),
     "a prior of NaN": (lambda: mc.Mechanism(TREE, GRAVITY, 0 * ARM.known + np.nan), "A prior φ needs finite numbers"),
+    "sites that are none": (lambda: mc.Mechanism(TREE, GRAVITY, sites={"a": 3}), "sites needs a mapping of tuples"),
     "drives that are none": (lambda: mc.Mechanism(TREE, GRAVITY, drives=3), "drives needs a Drive"),
     "joints to fix": (lambda: ARM.fixed(3), "coordinates needs a mapping"),
     "a body by number": (lambda: ARM.beyond(3), "body needs a text"),
@@ -125,6 +126,7 @@ CALLS = {
     "a path to simulate": (lambda: mc.simulate("arm.xml", None), "spec needs an MjSpec, such as "),
     "a recording to predict": (lambda: estimates.quick().predict(LOG), "motion needs a Motion"),
     "a place of a joint": (lambda: fixed({"joint1": "here"}), FIX),
+    "a joint by number": (lambda: fixed({3: 0.1}), FIX),
     # Identification.
     "one recording twice": (lambda: identified([LOG, LOG]), "fitted once only, but one of them is given twice"),
     "one recording in two": (

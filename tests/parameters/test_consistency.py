@@ -1,4 +1,4 @@
-"""Physical bodies near a prior against searches and duality, and their intervals against closed forms and by coverage."""
+"""Physical bodies near a prior against searches and duality; their intervals against closed forms and by coverage."""
 
 from dataclasses import replace
 
