@@ -98,39 +98,32 @@ __all__ = [
     "tree_from_mdh",
 ]
 
-_MODULES = {
-    "BaseMotion": "ident.mechanism.motion",
-    "BaseParameters": "ident.parameters.base_parameters",
-    "Body": "ident.mechanism.body",
-    "Equations": "ident.estimation.equations",
-    "Estimate": "ident.estimate",
-    "ExcitationError": "ident.errors",
-    "Frame": "ident.mechanism.dh",
-    "InputError": "ident.errors",
-    "LogError": "ident.errors",
-    "Mechanism": "ident.mechanism.mechanism",
-    "ModelError": "ident.errors",
-    "Motion": "ident.mechanism.motion",
-    "Recording": "ident.recordings.recording",
-    "Samples": "ident.estimation.samples",
-    "Sensor": "ident.recordings.wrench",
-    "Sensors": "ident.parameters.structure",
-    "Tree": "ident.mechanism.tree",
-    "Wrench": "ident.recordings.wrench",
-    "base_wrench_regressor": "ident.model.regressor",
-    "consistent_parameters": "ident.parameters.consistency",
-    "find_base_parameters": "ident.parameters.base_parameters",
-    "identify": "ident.identification",
-    "identify_load": "ident.payload.load",
-    "identify_payload": "ident.payload.beyond_sensor",
-    "joint_torque_regressor": "ident.model.regressor",
-    "least_squares": "ident.regression.ordinary",
-    "read_log": "ident.recordings.log",
-    "recover_axes": "ident.mechanism.recovered_axes",
-    "total_wrench": "ident.recordings.wrench",
-    "tree_from_mdh": "ident.mechanism.dh",
+_NAMES = {
+    "ident.errors": ("ExcitationError", "InputError", "LogError", "ModelError"),
+    "ident.estimate": ("Estimate",),
+    "ident.estimation.equations": ("Equations",),
+    "ident.estimation.samples": ("Samples",),
+    "ident.identification": ("identify",),
+    "ident.mechanism.body": ("Body",),
+    "ident.mechanism.dh": ("Frame", "tree_from_mdh"),
+    "ident.mechanism.mechanism": ("Mechanism",),
+    "ident.mechanism.motion": ("BaseMotion", "Motion"),
+    "ident.mechanism.recovered_axes": ("recover_axes",),
+    "ident.mechanism.tree": ("Tree",),
+    "ident.model.regressor": ("base_wrench_regressor", "joint_torque_regressor"),
+    "ident.parameters.base_parameters": ("BaseParameters", "find_base_parameters"),
+    "ident.parameters.consistency": ("consistent_parameters",),
+    "ident.parameters.structure": ("Sensors",),
+    "ident.payload.beyond_sensor": ("identify_payload",),
+    "ident.payload.load": ("identify_load",),
+    "ident.recordings.log": ("read_log",),
+    "ident.recordings.recording": ("Recording",),
+    "ident.recordings.wrench": ("Sensor", "Wrench", "total_wrench"),
+    "ident.regression.ordinary": ("least_squares",),
 }
-"""Module of each name."""
+"""Names by their modules."""
+
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 if not TYPE_CHECKING:
     # To a type checker every name would be there.

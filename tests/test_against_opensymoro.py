@@ -34,44 +34,35 @@ def tree_of(golden):
     )
 
 
-@pytest.mark.parametrize(
-    ("regressor", "key"),
-    [(base_wrench_regressor, "Y_base_wrench"), (joint_torque_regressor, "Y_joint_torque")],
+WAYS = pytest.mark.parametrize(
+    ("regressor", "key", "sensors"),
+    [
+        (base_wrench_regressor, "base_wrench", Sensors()),
+        (joint_torque_regressor, "joint_torque", Sensors(base_wrench=False, joint_torques=True)),
+    ],
+    ids=["base_wrench", "joint_torque"],
 )
-def test_regressors_are_equal(golden, regressor, key):
+
+
+@WAYS
+def test_regressors_are_equal_and_wrench_and_torques_follow(golden, regressor, key, sensors):
     states = [np.array(golden[name]) for name in ("q", "dq", "ddq")]
     Y = regressor(tree_of(golden), *states, gravity=np.array(golden["gravity"]))
-    np.testing.assert_allclose(Y, golden[key], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(Y, golden[f"Y_{key}"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(Y @ np.array(golden["phi"]), golden[key], rtol=0, atol=1e-10)
 
 
-def test_wrench_and_torques_follow(golden):
-    states = [np.array(golden[name]) for name in ("q", "dq", "ddq")]
-    phi = np.array(golden["phi"])
-    for regressor, key in ((base_wrench_regressor, "base_wrench"), (joint_torque_regressor, "joint_torque")):
-        Y = regressor(tree_of(golden), *states, gravity=np.array(golden["gravity"]))
-        np.testing.assert_allclose(Y @ phi, golden[key], rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("regressor", "key"),
-    [(base_wrench_regressor, "grouping_base_wrench"), (joint_torque_regressor, "grouping_joint_torque")],
-)
-def test_ranks_and_regroupings_are_equal(golden, regressor, key):
-    tree, expected = tree_of(golden), golden[key]
-    states = np.random.default_rng(0).uniform(-2, 2, size=(3, 200, len(tree.moving)))
-    Y = regressor(tree, *states, gravity=np.array(golden["gravity"]))
-    base = find_base_parameters(Y, golden["parameters"])
-    assert base.rank == expected["rank"]
-    assert list(base.names) == expected["kept"]
-    dependent = [golden["parameters"][k] for k in base.dependent]
-    beta = {
-        (kept, gone): value
-        for kept, row in zip(base.names, base.beta, strict=True)
-        for gone, value in zip(dependent, row, strict=True)
-    }
-    for kept, row in zip(expected["kept"], expected["beta"], strict=True):
-        for gone, value in zip(expected["dependent"], row, strict=True):
-            assert abs(beta[kept, gone] - value) < 1e-9, (kept, gone)
+@WAYS
+def test_ranks_and_regroupings_are_equal(golden, regressor, key, sensors):
+    """Of the regressor at random states, and of the structure."""
+    tree, expected, gravity = tree_of(golden), golden[f"grouping_{key}"], np.array(golden["gravity"])
+    Y = regressor(tree, *np.random.default_rng(0).uniform(-2, 2, size=(3, 200, len(tree.moving))), gravity=gravity)
+    names = golden["parameters"]
+    for base in (find_base_parameters(Y, names), find_base_parameters(tree, names, gravity=gravity, sensors=sensors)):
+        assert base.rank == expected["rank"] and list(base.names) == expected["kept"]
+        dependent = [names[k] for k in base.dependent]
+        places = [dependent.index(name) for name in expected["dependent"]]
+        np.testing.assert_allclose(base.beta[:, places], expected["beta"], rtol=0, atol=1e-9)
 
 
 def test_a_parallelogram_adds_three_parameters_to_an_arm():

@@ -135,10 +135,6 @@ def test_clients_are_typed(tmp_path, pytestconfig):
         assert any(error.startswith(f"mistaken_{k}.py") and name in error for error in errors), checked.stdout
 
 
-HOSTILE = {"experiments/__init__.py": "raise SystemExit('the wrong experiments')", "scenes.txt": ""}
-"""Files of a user's folder that has experiments of its own."""
-
-
 def test_it_has_the_names_of_both_packages_and_no_others():
     assert {*mc.__all__} == {*ident.__all__, *sim.__all__, "scenes", "report"} and mc.__all__ == sorted(mc.__all__)
     for package in (ident, sim):
@@ -151,15 +147,6 @@ def test_it_has_the_names_of_both_packages_and_no_others():
 def test_nothing_is_imported_before_it_is_needed():
     code = "import multicontact, sys; assert not {'mujoco', 'numpy', 'ident', 'sim', 'matplotlib'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with experiments of its own."""
-    for name, content in HOSTILE.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(content, encoding="utf-8")
-    return tmp_path
 
 
 def test_a_report_is_the_page_of_the_command_and_the_notebook_links_it(tmp_path):

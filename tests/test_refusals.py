@@ -20,7 +20,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.recovered_axes import estimate_screw, recover_axes
 from ident.mechanism.tree import Tree
-from ident.model.pullback import pulled_back
+from ident.model.adjoint import pulled_back
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.prior import body_covariance, known_covariances
@@ -128,57 +128,41 @@ def test_a_wrong_argument_is_one_sentence(tmp_path, message, call):
 
 
 RECORDING = shortened(faulty(0), 120)
-DEVIATION = "needs a standard deviation, zero or false, got"
+DEVIATION, NAMED = "needs a standard deviation, zero or false, got", "needs standard deviations by name"
+OF_RECORDING = "needs a Recording, the path of a log, .* or a list; got"
 BODY = PENDULUM.bodies[0]
-WRONG_ARGUMENTS = [({"mass": x}, f"mass {DEVIATION} ") for x in ("a lot", -0.1, np.nan, np.inf, None, True, [0.1])]
-
-WRONG_ARGUMENTS += [({"weight": 0.1}, "has no entry 'weight'; valid are mass, center, inertia")]
-
-WRONG_ARGUMENTS += [
-    (x, "needs standard deviations by name, out of mass, center, inertia; got") for x in ("mass", 3, ["mass"])
+WRONG_DEVIATIONS = [
+    *(({"mass": x}, f"mass {DEVIATION} ") for x in ("a lot", -0.1, np.nan, np.inf, None, True, [0.1])),
+    ({"weight": 0.1}, "has no entry 'weight'; valid are mass, center, inertia"),
+    *((x, f"{NAMED}, out of mass, center, inertia; got") for x in ("mass", 3, ["mass"])),
+]
+OF_DRIVES, OF_OWN = "^drive needs a list out of rotor, .*; got", "^own needs a list out of offset, .*, delay, lag; got"
+WRONG_ARGUMENTS = [
+    *(({"known": known}, f"^known.?{message}") for known, message in WRONG_DEVIATIONS),
+    ({"setup": {"late": 0.1}}, "^setup has no entry 'late'; valid are delay, lag, clock, origin"),
+    *(({"setup": {"delay": x}}, f"^setup.delay {DEVIATION} ") for x in (np.nan, -1, np.inf, "long", None)),
+    *(({"setup": x}, f"^setup {NAMED}") for x in ("delay", 0)),
+    *(({"holdout": x}, "^holdout needs a fraction") for x in (-0.1, 1, 1.5, np.nan, "0.4", None, True)),
+    *(
+        ({"drive": x}, f"{OF_DRIVES} {named}")
+        for x, named in ((["coulomb", "stiction"], "stiction"), ("coulomb", "coulomb"), (1, "1"))
+    ),
+    *(({"own": x}, f"{OF_OWN} {x}") for x in ("delay", None)),
+    ({"held_out": None}, f"^held_out {OF_RECORDING} None"),
+    ({"held_out": ["run.csv"]}, r"^run\.csv: there is no such file"),
+    ({"recording": 3}, f"^recording {OF_RECORDING} 3"),
+    ({"recording": replace(RECORDING, setup={"delay": -1})}, f"setup.delay {DEVIATION}"),
+    ({"recording": replace(RECORDING, known={"mass": np.nan})}, f"known.mass {DEVIATION}"),
 ]
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        *(({"known": known}, f"^known.?{message}") for known, message in WRONG_ARGUMENTS),
-        ({"setup": {"late": 0.1}}, "^setup has no entry 'late'; valid are delay, lag, clock, origin"),
-        *(({"setup": {"delay": x}}, f"^setup.delay {DEVIATION} ") for x in (np.nan, -1, np.inf, "long", None)),
-        ({"setup": "delay"}, "^setup needs standard deviations by name"),
-        ({"setup": 0}, "^setup needs standard deviations by name"),
-        *(({"holdout": x}, "^holdout needs a fraction") for x in (-0.1, 1, 1.5, np.nan, "0.4", None, True)),
-        ({"drive": ["coulomb", "stiction"]}, "^drive needs a list out of rotor, .*; got stiction"),
-        ({"drive": "coulomb"}, "^drive needs a list out of rotor, .*; got coulomb"),
-        ({"drive": 1}, "^drive needs a list"),
-        ({"own": "delay"}, "^own needs a list out of offset, friction, delay, lag; got delay"),
-        ({"own": None}, "^own needs a list out of offset, friction, delay, lag; got None"),
-        (
-            {"held_out": None},
-            r"^held_out needs a Recording, the path of a log, .* or a list; got None",
-        ),
-        ({"held_out": ["run.csv"]}, r"^run\.csv: there is no such file"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), WRONG_ARGUMENTS)
 def test_arguments_are_refused_in_one_sentence(given, message):
     with pytest.raises(ident.InputError, match=message):
-        ident.identify(PENDULUM, RECORDING, **given)
+        ident.identify(PENDULUM, **{"recording": RECORDING, **given})
 
 
-def test_a_recording_is_needed():
-    with pytest.raises(ident.InputError, match=r"^recording needs a Recording, the path of a log, .* or a list; got 3"):
-        ident.identify(PENDULUM, 3)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"), [({"setup": {"delay": -1}}, "setup.delay"), ({"known": {"mass": np.nan}}, "known.mass")]
-)
-def test_what_a_recording_knows_is_checked_too(given, message):
-    with pytest.raises(ident.InputError, match=f"{message} {DEVIATION}"):
-        ident.identify(PENDULUM, replace(RECORDING, **given))
-
-
-@pytest.mark.parametrize(("known", "message"), WRONG_ARGUMENTS)
+@pytest.mark.parametrize(("known", "message"), WRONG_DEVIATIONS)
 def test_how_well_bodies_are_known_is_checked(known, message):
     with pytest.raises(ident.ModelError, match=f"^prior_known of '{BODY}'.?{message}"):
         replace(PENDULUM, prior_known={BODY: known})

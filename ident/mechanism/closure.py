@@ -86,8 +86,8 @@ class Closure:
 
     @cached_property
     def _length(self) -> float:
-        """Length of the part, m."""
-        return length_of(self.part)
+        """The largest distance between a body's frame and its parent's, m; 1 if all coincide."""
+        return max((float(np.linalg.norm(body.home[:3, 3])) for body in self.part.bodies), default=0.0) or 1.0
 
     @cached_property
     def _scale(self) -> np.ndarray:
@@ -283,29 +283,27 @@ class Closure:
 
     def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
         apart, least = self._defects(q)
-        for bad, what in ((apart > OPEN, self._open), (beyond | (least < SINGULAR), self._singular)):
-            if bad.any():
-                k = int(bad.argmax())
-                raise ModelError(what(apart[k], "in the model's posture" if time is None else f"at {time[k]:.6g} s"))
+        is_open, singular = apart > OPEN, beyond | (least < SINGULAR)
+        if not (is_open.any() or singular.any()):
+            return
+        k = int((is_open if is_open.any() else singular).argmax())
+        when, joints = "in the model's posture" if time is None else f"at {time[k]:.6g} s", ", ".join(self.independent)
+        if is_open[k]:
+            names = ", ".join(f"'{each.name}'" for each in self.constraints)
+            raise ModelError(
+                f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
+                f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
+            )
+        raise ModelError(
+            f"The loops are singular {when}: {joints or 'no joint'} there does not determine "
+            f"{', '.join(self.dependent)}. Leave that posture out, or log one of these joints."
+        )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances that are left open (N,), and the smallest singular values of the dependent joints' columns (N,)."""
         residual, J, _ = self.rows(q)
         columns = J[..., self._freedoms[1]]
         return np.linalg.norm(residual, axis=-1), _least_singular(columns)
-
-    def _open(self, apart: float, when: str) -> str:
-        names = ", ".join(f"'{each.name}'" for each in self.constraints)
-        return (
-            f"The loops of {names} cannot be closed {when}: {apart * self._length:.2g} m remain. Check the model's "
-            f"posture, and the zeros, signs and units of {', '.join(self.independent) or 'its joints'}."
-        )
-
-    def _singular(self, _: float, when: str) -> str:
-        return (
-            f"The loops are singular {when}: {', '.join(self.independent) or 'no joint'} there does not determine "
-            f"{', '.join(self.dependent)}. Leave that posture out, or log one of these joints."
-        )
 
     def _joined(self, places: tuple[np.ndarray, np.ndarray], own: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Values of the part (…, n) from those of its independent and dependent joints."""
@@ -323,11 +321,6 @@ class Closure:
             parts.append((unit * residual, unit[:, None] * J, unit * bias))
         residuals, Js, biases = zip(*parts, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(Js, -2), np.concatenate(biases, -1)
-
-
-def length_of(tree: "Tree") -> float:
-    """The largest distance between a body's frame and its parent's, m; 1 if all coincide."""
-    return max((float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies), default=0.0) or 1.0
 
 
 def _least_singular(columns: np.ndarray) -> np.ndarray:

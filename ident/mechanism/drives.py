@@ -76,25 +76,13 @@ class Drive:
     springref: float = 0.0
     actuators: tuple[Actuator, ...] = ()
 
-    @property
-    def all_viscous(self) -> float:
-        """Viscous friction with that of the actuators."""
-        return self.viscous + sum(each.gear**2 * each.viscous for each in self.actuators)
-
-    @property
-    def all_coulomb(self) -> float:
-        """Coulomb friction with that of the actuators."""
-        return self.coulomb + sum(abs(each.gear) * each.coulomb for each in self.actuators)
-
-    @property
-    def all_rotor(self) -> float:
-        """Rotor inertia with those of the actuators."""
-        return self.rotor + sum(each.gear**2 * each.rotor for each in self.actuators)
-
     def value(self, kind: str) -> float:
-        """The value that it states for a column of a kind, out of `ident.tolerances.DRIVE`."""
-        values = {"rotor": self.all_rotor, "viscous": self.all_viscous, "coulomb": self.all_coulomb}
-        return float((values | {"spring": self.stiffness}).get(kind, 0.0))
+        """The value that it and its actuators state for a column of a kind, out of `ident.tolerances.DRIVE`."""
+        if kind not in FIELDS:
+            return 0.0
+        power = POWERS.get(kind)
+        of_actuators = 0.0 if power is None else sum(abs(x.gear) ** power * getattr(x, kind) for x in self.actuators)
+        return float(getattr(self, FIELDS[kind]) + of_actuators)
 
     def with_value(self, kind: str, value: float) -> "Drive":
         """The drive with another value of a kind, less its actuators' share; unchanged for kinds that it lacks."""
@@ -116,6 +104,8 @@ class Drive:
 FIELDS = {"rotor": "rotor", "viscous": "viscous", "coulomb": "coulomb", "spring": "stiffness"}
 """Attributes of a drive by the kinds of columns, out of `ident.tolerances.DRIVE`."""
 
+POWERS = {"rotor": 2, "viscous": 2, "coulomb": 1}
+"""Powers of a gear by which kinds that actuators have too act on the joint."""
 
 NO_DRIVE = Drive()
 """The drive of a freedom without one."""
@@ -144,10 +134,9 @@ def checked_drives(drives: Any, freedoms: Collection[str]) -> dict[str, Drive]:
         for key, what in _NAMES.items():
             _check(f"Joint '{name}'", what, getattr(drive, key), signed=key == "springref")
         for actuator in drive.actuators:
-            for key in ("gear", "gain", "kp", "kv", "bias"):
-                _check(f"Actuator '{actuator.name}' of joint '{name}'", key, getattr(actuator, key), signed=True)
-            for key in ("rotor", "viscous", "coulomb"):
-                _check(f"Actuator '{actuator.name}' of joint '{name}'", _NAMES[key], getattr(actuator, key))
+            for key in ("gear", "gain", "kp", "kv", "bias", *POWERS):
+                what, value = _NAMES.get(key, key), getattr(actuator, key)
+                _check(f"Actuator '{actuator.name}' of joint '{name}'", what, value, signed=key not in POWERS)
     return dict(drives)
 
 

@@ -298,12 +298,8 @@ def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
     if carrier is not None and len(carrying.root) < len(carrying.bodies):
         return None
     first = np.hstack([np.zeros((6, 0)), *(carrying.screws[i] for i in carrying.root)])
-    axes = first[3:, first[3:].any(axis=0)]
-    if not axes.size or np.linalg.matrix_rank(first, tol=PARALLEL) < 3:
-        return None
-    normal = axes[:, 0] / np.linalg.norm(axes[:, 0])
-    g = mechanism.gravity
-    if not _in_plane(carrying, normal) or abs(g @ normal) > PARALLEL * np.linalg.norm(g):
+    normal = _common_axis(carrying, first, mechanism.gravity)
+    if normal is None or np.linalg.matrix_rank(first, tol=PARALLEL) < 3:
         return None
     if carrier is None:
         return normal
@@ -325,7 +321,7 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray, *, free: bool = True) 
     """
     normal = plane_normal(mechanism)
     if normal is None and not free and mechanism.carrier is None:
-        normal = _common_axis(mechanism)
+        normal = _common_axis(mechanism.tree, np.hstack(mechanism.tree.screws), mechanism.gravity)
     if normal is None:
         return ()
     along = np.abs(frame[:3, :3].T @ normal)
@@ -335,14 +331,13 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray, *, free: bool = True) 
     return (axis, *(3 + k for k in range(3) if k != axis))
 
 
-def _common_axis(mechanism: Mechanism) -> np.ndarray | None:
-    """Unit normal of the plane in which all joints move, perpendicular to gravity (3,); None without one."""
-    screws, g = np.hstack([np.zeros((6, 0)), *mechanism.tree.screws]), mechanism.gravity
+def _common_axis(tree: Tree, screws: np.ndarray, g: np.ndarray) -> np.ndarray | None:
+    """Unit normal of the plane of all joints and gravity g, along the first hinge of screws (6, k): (3,) or None."""
     axes = screws[3:, screws[3:].any(axis=0)]
     if not axes.size:
         return None
     normal = axes[:, 0] / np.linalg.norm(axes[:, 0])
-    return normal if _in_plane(mechanism.tree, normal) and abs(g @ normal) <= PARALLEL * np.linalg.norm(g) else None
+    return normal if _in_plane(tree, normal) and abs(g @ normal) <= PARALLEL * np.linalg.norm(g) else None
 
 
 def _in_plane(tree: Tree, normal: np.ndarray) -> bool:

@@ -185,11 +185,16 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
     screws = [_joint_screw(tree, poses, i) for i in tree.moving]
     separate = [screw.axis.turned(home[i]) for i, screw in zip(tree.moving, screws, strict=True)]
     p_values, groups = _parallel(tree, separate, significance)
-    axes = _pooled(separate, groups)
-    in_body = [home[i].T @ axis.vector for i, axis in zip(tree.moving, axes, strict=True)]
-    # The design's axis passes through ω × v; the recovered one is laid through the same point.
-    points = [np.cross(tree.bodies[i].twist[3:], tree.bodies[i].twist[:3]) for i in tree.moving]
-    twists = [np.concatenate([np.cross(c, a), a]) for c, a in zip(points, in_body, strict=True)]
+    axes = list(separate)
+    for group in (each for each in groups if len(each) > 1):
+        common = common_direction([separate[j] for j in group])
+        for j in group:
+            axes[j] = common.along(separate[j])
+    twists = []
+    for i, axis in zip(tree.moving, axes, strict=True):
+        # The design's axis passes through ω × v; the recovered one is laid through the same point.
+        turned, design = home[i].T @ axis.vector, tree.bodies[i].twist
+        twists.append(np.r_[np.cross(np.cross(design[3:], design[:3]), turned), turned])
     return RecoveredAxes(
         tree=tree.with_twists(np.array(twists)),
         axes=tuple(axes),
@@ -201,29 +206,17 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
 
 
 def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) -> tuple[np.ndarray, list[list[int]]]:
-    """p-values of the test against the joint before (n,), and groups of joints taken as parallel."""
-    p_values = np.full(len(separate), np.nan)
-    groups: list[list[int]] = []
+    """p-values of the test against the next joint towards the base (n,), and groups of joints taken as parallel."""
+    p_values, groups = np.full(len(separate), np.nan), list[list[int]]()
     for j, i in enumerate(tree.moving):
-        before = _joint_before(tree, i)
-        if before is not None:
-            p_values[j] = parallel_p_value(separate[before], separate[j])
+        carriers = [tree.moving.index(k) for k in tree.chain(i)[:-1] if tree.bodies[k].moves]
+        if carriers:
+            p_values[j] = parallel_p_value(separate[carriers[-1]], separate[j])
         if significance < 1 and p_values[j] >= significance:
-            next(group for group in groups if before in group).append(j)
+            next(group for group in groups if carriers[-1] in group).append(j)
         else:
             groups.append([j])
     return p_values, groups
-
-
-def _pooled(separate: Sequence[Direction], groups: Sequence[Sequence[int]]) -> list[Direction]:
-    """The axes, those of a group with a common direction."""
-    axes = list(separate)
-    for group in groups:
-        if len(group) > 1:
-            common = common_direction([separate[j] for j in group])
-            for j in group:
-                axes[j] = common.along(separate[j])
-    return axes
 
 
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
@@ -235,11 +228,3 @@ def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
         return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])
     except InputError as error:
         raise InputError(f"Joint '{body.joint}': {error}") from None
-
-
-def _joint_before(tree: Tree, i: int) -> int | None:
-    """Index in q of the next joint towards the base from a body's own, None for a first joint."""
-    parent = tree.bodies[i].parent
-    while parent != BASE and not tree.bodies[parent].moves:
-        parent = tree.bodies[parent].parent
-    return None if parent == BASE else tree.moving.index(parent)

@@ -199,13 +199,14 @@ class Tree:
         """
         if self.closure is None or np.shape(q)[-1] != self.size:
             return q
-        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
-        return np.concatenate([q, self.closure.solved(self._of_part(own))], axis=-1)
+        return np.concatenate([q, self.closure.solved(self._coordinates_of_part(q))], axis=-1)
 
     def closes(self, q: np.ndarray) -> np.ndarray:
         """True for joint coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
-        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
-        return self.closure.closes(self._of_part(own)) if self.closure else np.ones(len(q), bool)
+        return self.closure.closes(self._coordinates_of_part(q)) if self.closure else np.ones(len(q), bool)
+
+    def _coordinates_of_part(self, q: np.ndarray) -> np.ndarray:
+        return self._of_part({b.joint: own for b, own in zip(self.bodies, self.body_coordinates(q), strict=True)})
 
     def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
         """States of the loops' independent joints (…, n) from those of all joints."""
@@ -352,8 +353,7 @@ class Tree:
         """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
         if not self.closure:
             return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
-        at = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
-        G = self.closure.slopes(self._of_part(at), self.started(q)[..., self.size :])
+        G = self.closure.slopes(self._coordinates_of_part(q), self.started(q)[..., self.size :])
         names = [name for name in self.closure.part.freedoms if name not in self.dependent]
         own = {name: G[..., k : k + 1] for k, name in enumerate(names)}
         return np.concatenate([own.get(name, np.zeros((*G.shape[:-1], 1))) for name in self.freedoms], axis=-1)

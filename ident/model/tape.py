@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 
 from ident.model import compiled
-from ident.model.steps import Instruction
+from ident.model.compiled import Instruction
 
 Number = int | float
 

@@ -199,7 +199,9 @@ def _deleva(sex: str) -> dict[str, Segment]:
     out = {}
     for name, (mass, center, sagittal, transverse, along, length) in _DELEVA[sex].items():
         across = _mean(sagittal, transverse)
-        out[name] = Segment(mass, center, across, along, ends[name], _of_height(name, length / STATURE[sex]))
+        # A joint does not end these.
+        over_height = length / STATURE[sex] if name in ("head", "hand", "trunk") else 0.0
+        out[name] = Segment(mass, center, across, along, ends[name], over_height)
     return out
 
 
@@ -218,11 +220,6 @@ def _dumas(sex: str) -> dict[str, Segment]:
         name: Segment(mass, center, _mean(x, z), along, ends[name], lengths.get(name, 0.0))
         for name, (mass, center, x, z, along) in _DUMAS[sex].items()
     }
-
-
-def _of_height(name: str, length: float) -> float:
-    """A length over the height, for segments that do not end at a joint; 0 for others."""
-    return length if name in ("head", "hand", "trunk") else 0.0
 
 
 def _mean(*radii: float) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,7 +26,9 @@ from ident.parameters.independent_columns import (
     unit_columns,
 )
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
-from ident.parameters.tree_elimination import Elimination, elimination
+
+if TYPE_CHECKING:
+    from ident.parameters.tree_elimination import Elimination
 
 LARGE = 40
 """Number of bodies from which elimination along the tree takes less time than the whole matrix."""
@@ -157,43 +160,47 @@ def find_base_parameters(
             the pinned set no basis, or the kept columns do not reproduce the others.
     """
     if isinstance(source, np.ndarray):
-        return _of_regressor(source, np.ones(source.shape[-1]), parameters, kept)
+        return _of_regressor(source, 1.0, _names(parameters, source.shape[-1]), kept)
     mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source
     check_type("source", mechanism, Mechanism, WORDS["Mechanism"])
-    return _of_structure(mechanism, sensors, parameters, kept)
+    return _of_structure(mechanism, sensors, _names(parameters, 10 * len(mechanism.bodies)), kept)
 
 
 def _of_structure(
-    mechanism: Mechanism, sensors: Sensors | None, parameters: Sequence[str] | None, kept: Sequence[str] | None
+    mechanism: Mechanism, sensors: Sensors | None, names: tuple[str, ...], kept: Sequence[str] | None
 ) -> BaseParameters:
     """Regrouping of a mechanism, exact if its numbers are."""
     if mechanism.tree.followers or mechanism.tree.closure:
-        rows = sampled_structure(mechanism, sensors)
-        return _of_regressor(rows, np.ones(rows.shape[1]), parameters, kept)
+        return _of_regressor(sampled_structure(mechanism, sensors), 1.0, names, kept)
     structure, units = scaled_structure(mechanism, sensors)
-    if not structure.is_exact:
-        along = elimination(structure) if len(mechanism.tree.inertial) >= LARGE else None
-        if along and along.clear and kept is None and (made := along.coefficients) is not None:
-            return _of_elimination(along, made, units, parameters)
-        rows = structure.matrix
-        if not rows.any():
-            raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
-        return _of_regressor(rows, units, parameters, kept, along)
+    if structure.is_exact:
+        if kept is not None:
+            raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
+        reduced, chosen = reduced_rows(structure.matrix)
+        others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
+        return BaseParameters(names, tuple(chosen), tuple(others), reduced[:, others], (np.inf, 0.0))
+    along = None
+    if len(mechanism.tree.inertial) >= LARGE:
+        # Few mechanisms are so large that sparse solvers are worth their import.
+        from ident.parameters.tree_elimination import elimination
+
+        along = elimination(structure)
+        if along.clear and kept is None and (made := along.coefficients) is not None:
+            chosen, others = along.kept.tolist(), along.others.tolist()
+            beta = _in_si(made, along.norms * units, chosen, others)
+            return BaseParameters(names, tuple(chosen), tuple(others), beta, along.gap)
     rows = structure.matrix
-    if kept is not None:
-        raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
-    reduced, chosen = reduced_rows(rows)
-    dependent = [k for k in range(rows.shape[1]) if k not in chosen]
-    names = tuple(parameter_names(rows.shape[1] // 10) if parameters is None else parameters)
-    return BaseParameters(names, tuple(chosen), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
+    if not rows.any():
+        raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
+    return _of_regressor(rows, units, names, kept, along)
 
 
 def _of_regressor(
     Y: np.ndarray,
-    units: np.ndarray,
-    parameters: Sequence[str] | None,
+    units: np.ndarray | float,
+    names: tuple[str, ...],
     kept: Sequence[str] | None,
-    along: Elimination | None = None,
+    along: "Elimination | None" = None,
 ) -> BaseParameters:
     """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,).
 
@@ -202,39 +209,26 @@ def _of_regressor(
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
-    names = _names(parameters, columns.shape[1])
     unit, norms = unit_columns(columns)
-    rank, gap = (len(along.kept), (along.least, 0.0)) if along and along.clear else _rank(unit)
+    if along and along.clear:
+        rank, gap = len(along.kept), along.gap
+    else:
+        s = np.linalg.svd(unit, compute_uv=False)
+        rank = numerical_rank(s)
+        gap = float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0
     chosen, passed = first_independent(unit, rank, gap[1])
     if kept is not None:
         chosen, passed = basis(kept, names, unit, chosen), []
     others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
-    scaled = coefficients(unit[:, chosen], unit[:, others])
-    missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
+    made = coefficients(unit[:, chosen], unit[:, others])
+    missed = (abs(unit[:, others] - unit[:, chosen] @ made) * norms[others]).max(initial=0) / norms.max()
     if missed > WRONG + 10 * gap[1]:
         raise InputError(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
         )
-    beta = _in_si(scaled, norms * units, chosen, others)
+    beta = _in_si(made, norms * units, chosen, others)
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
-
-
-def _rank(unit: np.ndarray) -> tuple[int, tuple[float, float]]:
-    """Rank of unit columns, and the singular values on both sides of it."""
-    s = np.linalg.svd(unit, compute_uv=False)
-    rank = numerical_rank(s)
-    return rank, (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
-
-
-def _of_elimination(
-    along: Elimination, made: np.ndarray, units: np.ndarray, parameters: Sequence[str] | None
-) -> BaseParameters:
-    """Regrouping of a mechanism eliminated along its tree, whose parameters are in the given units (P,)."""
-    names = _names(parameters, len(units))
-    chosen, others = along.kept.tolist(), along.others.tolist()
-    beta = _in_si(made, along.norms * units, chosen, others)
-    return BaseParameters(names, tuple(chosen), tuple(others), beta, (along.least, 0.0))
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:
@@ -245,9 +239,9 @@ def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:
     return names
 
 
-def _in_si(scaled: np.ndarray, sizes: np.ndarray, kept: Sequence[int], others: Sequence[int]) -> np.ndarray:
+def _in_si(made: np.ndarray, sizes: np.ndarray, kept: Sequence[int], others: Sequence[int]) -> np.ndarray:
     """Coefficients of columns (r, P - r) from those of unit-norm columns, which the sizes (P,) multiply."""
-    return scaled * sizes[list(others)] / sizes[list(kept)][:, None]
+    return made * sizes[others] / sizes[kept][:, None]
 
 
 def structural_base_parameters(

@@ -11,6 +11,7 @@ that; what the prior adds are the combinations across H.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -23,7 +24,7 @@ from ident.geometry.inertia import (
 )
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.consistent_set import UNITS, ConsistentSet, traces
+from ident.parameters.consistent_set import UNITS, maxima, traces
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
 
@@ -177,18 +178,28 @@ class Fitting:
     """Conditions on bodies and rotors: an estimate of ψ, and a prior.
 
     Attributes:
-        B: Derivative of ψ by φ and by rotors (r, 10 b + k).
-        psi: ψ (r,).
+        base: The regrouping behind ψ.
+        psi: ψ, without the model's values of the rotors (r,).
         root: Lower triangular root of its covariance (r, r).
+        rotors: Rotors that ψ contains.
         prior: Prior of bodies in addition.
-        rotors: Number of rotors k.
+        frames: Mask of the parameters of frames, which have no mass (10 b,).
     """
 
-    B: np.ndarray
+    base: BaseParameters
     psi: np.ndarray
     root: np.ndarray
+    rotors: Rotors
     prior: BodyPrior
-    rotors: int
+    frames: np.ndarray
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Rows of unit variance: derivatives of ψ by φ and rotors, and ψ with all of the rotors (r, 10 b + k + 1)."""
+        of_links, rotors = self.base.regroup(np.eye(len(self.frames))).T, self.rotors
+        of_links[:, self.frames] = 0
+        psi = self.psi + rotors.columns @ rotors.stated
+        return linalg.solve_triangular(self.root, np.c_[of_links, rotors.columns, psi], lower=True)
 
     def bounds(self, phi: np.ndarray) -> np.ndarray:
         """Intervals of mass, centre of mass and inertia about the frame's origin of each body (b, 10, 2).
@@ -198,11 +209,7 @@ class Fitting:
         Args:
             phi: Physical bodies to start from, zeros for frames, which have no mass (10 b,).
         """
-        rows, right = (
-            linalg.solve_triangular(self.root, self.B, lower=True),
-            linalg.solve_triangular(self.root, self.psi, lower=True),
-        )
-        has_mass = phi[::10] > 0
+        rows, right, has_mass = self.rows[:, :-1], self.rows[:, -1], phi[::10] > 0
         kept, out = np.repeat(has_mass, 10), np.zeros((len(has_mass), 10, 2))
         if not self.prior.used:
             of_rotors = np.ones(rows.shape[1] - len(phi), bool)
@@ -253,11 +260,11 @@ def _bounds(rows: np.ndarray, right: np.ndarray, phi: np.ndarray, room: float, l
         f[k, :, 10 * k : 10 * k + 10] = forms[k].T
         d[k, 1:4, 10 * k : 10 * k + 10] = forms[k][:, 0]
     f, d = f.reshape(10 * b, -1), d.reshape(10 * b, -1)
-    maxima = ConsistentSet(A, right, square + room, b).maxima(np.vstack([-f, f]), np.vstack([d, d])).reshape(2, b, 10)
-    maxima[0] *= -1
+    lower, upper = maxima(A, right, square + room, b, np.vstack([-f, f]), np.vstack([d, d])).reshape(2, b, 10)
+    lower *= -1
     # Mass and moments of inertia are positive.
-    maxima[0][:, [0, 4, 5, 6]] = np.maximum(maxima[0][:, [0, 4, 5, 6]], 0)
-    return np.moveaxis(maxima, 0, -1)
+    lower[:, [0, 4, 5, 6]] = np.maximum(lower[:, [0, 4, 5, 6]], 0)
+    return np.stack([lower, upper], axis=-1)
 
 
 def _forms(L: np.ndarray) -> np.ndarray:

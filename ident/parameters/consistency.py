@@ -35,6 +35,9 @@ DETERMINED = 0.5
 LOOSER = 1.0, 2.0, 4.0
 """Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
 
+LEAST_SIZE = 1e-2
+"""Least radius of gyration of a prior body over that of the whole tree: divergence measures bodies by their prior."""
+
 HELD = 1e-5
 """Relative standard deviation of a mass that is held."""
 
@@ -53,8 +56,6 @@ class ConsistentParameters(Brief):
         divergence: Divergence of each body from its prior, `tr(J P⁻¹) - log det(J P⁻¹) - 4` (b,).
         mass_std: Standard deviation of each body's mass from ψ, with a prior as wide as the size of each body, so that
             it equals the mass if ψ does not depend on it, kg (b,).
-        prior: φ of the prior, made physical (10 b,).
-        raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
         bodies: Names of the bodies (b,).
         model: The prior φ as given (10 b,).
         rotors: Rotor inertias that the bodies cannot take up, by their names; those that ψ lost beforehand included.
@@ -69,8 +70,6 @@ class ConsistentParameters(Brief):
     shift: np.ndarray
     divergence: np.ndarray
     mass_std: np.ndarray
-    prior: np.ndarray
-    raised: tuple[int, ...]
     bodies: tuple[str, ...]
     model: np.ndarray
     rotors: Mapping[str, float]
@@ -217,17 +216,12 @@ def consistent_parameters(
     if masses is not None and masses < 0:
         raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
-    physical, raised = physical_prior(prior, bodies=bodies)
-    L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
+    physical = physical_prior(prior, bodies=bodies)
     rotors = rotors or Rotors.none(base.rank)
-    known = known or BodyPrior(np.full((len(L), 10), np.inf))
-    of_links = base.regroup(np.eye(len(prior))).T
-    # Frames without mass have none in any case.
-    of_links[:, ~np.repeat(prior.reshape(-1, 10).any(axis=1), 10)] = 0
-    B = np.hstack([of_links, rotors.columns])
-    fitting = Fitting(B, psi + rotors.columns @ rotors.stated, scaled_root(C), known, len(rotors.names))
-    names = tuple(f"{k + 1}" for k in range(len(L))) if bodies is None else tuple(bodies)
-    links = _Nearest(fitting, base, L, physical, raised, names, prior, rotors)
+    known = known or BodyPrior(np.full((len(prior) // 10, 10), np.inf))
+    frames = ~np.repeat(prior.reshape(-1, 10).any(axis=1), 10)
+    names = tuple(f"{k + 1}" for k in range(len(prior) // 10)) if bodies is None else tuple(bodies)
+    links = _Nearest(Fitting(base, psi, scaled_root(C), rotors, known, frames), physical, names, prior)
     problem = links.problem(of_rotors=False)
     width = problem.width if width is None else width
     if known.used:
@@ -260,31 +254,30 @@ class _Nearest:
     """Problems of finding bodies `L K Lᵀ` and rotors, and reports on them."""
 
     fitting: Fitting
-    base: BaseParameters
-    L: np.ndarray
     physical: np.ndarray
-    raised: tuple[int, ...]
     names: tuple[str, ...]
     model: np.ndarray
-    rotors: Rotors
+
+    @cached_property
+    def L(self) -> np.ndarray:
+        """Roots of the physical prior's pseudo-inertias (b, 4, 4)."""
+        return np.linalg.cholesky(pseudo_inertia(self.physical.reshape(-1, 10)))
 
     @property
     def _sizes(self) -> np.ndarray:
         """Prior of the rotors: the model's, or as much as the model's bodies have of what the rotors add to (k,)."""
-        own, columns = self.base.regroup(self.physical), self.rotors.columns
-        links = np.abs(own @ columns) / np.maximum(np.sum(columns**2, axis=0), 1e-300)
-        return np.where(self.rotors.stated > 0, self.rotors.stated, np.maximum(links, 1e-9))
+        own, rotors = self.fitting.base.regroup(self.physical), self.fitting.rotors
+        links = np.abs(own @ rotors.columns) / np.maximum(np.sum(rotors.columns**2, axis=0), 1e-300)
+        return np.where(rotors.stated > 0, rotors.stated, np.maximum(links, 1e-9))
 
     def problem(self, *, of_rotors: bool, with_prior: bool = False) -> NearestBodies:
         """Problem of ψ, with rotors as stated or free, and of the prior."""
-        fit = self.fitting
-        parts = [linalg.solve_triangular(fit.root, np.c_[fit.B, fit.psi], lower=True)]
+        rows, prior, bodies = self.fitting.rows, self.fitting.prior, 10 * len(self.L)
         if with_prior:
-            parts.append(np.c_[fit.prior.rows, fit.prior.right])
-        rows, bodies = np.vstack(parts), 10 * len(self.L)
+            rows = np.vstack([rows, np.c_[prior.rows, prior.right]])
         if of_rotors:
             return NearestBodies.in_units(rows[:, :-1], rows[:, -1], self.L, self._sizes)
-        right = rows[:, -1] - rows[:, bodies:-1] @ self.rotors.stated
+        right = rows[:, -1] - rows[:, bodies:-1] @ self.fitting.rotors.stated
         return NearestBodies.in_units(rows[:, :bodies], right, self.L, np.zeros(0))
 
     def of_masses(self, std: np.ndarray, *, of_rotors: bool = False) -> NearestBodies:
@@ -296,45 +289,36 @@ class _Nearest:
 
     def report(self, K: np.ndarray) -> ConsistentParameters:
         """Result for bodies `L K Lᵀ`, after which those of rotors may come."""
-        fit, b = self.fitting, len(self.L)
+        fit, rotors, b = self.fitting, self.fitting.rotors, len(self.L)
         phi = parameters_from_pseudo_inertia(self.L @ K[:b] @ np.swapaxes(self.L, -1, -2)).ravel()
-        x = K[b:, 0, 0] * self._sizes if len(K) > b else self.rotors.stated
-        given = fit.psi - self.rotors.columns @ self.rotors.stated
-        regrouped = self.base.regroup(phi) + self.rotors.columns @ (x - self.rotors.stated)
-        eigenvalues = np.linalg.eigvalsh(K[:b])
-        distance = float(np.linalg.norm(linalg.solve_triangular(fit.root, regrouped - given, lower=True)))
+        x = K[b:, 0, 0] * self._sizes if len(K) > b else rotors.stated
+        psi, eigenvalues = fit.base.regroup(phi) + rotors.columns @ (x - rotors.stated), np.linalg.eigvalsh(K[:b])
+        distance = float(np.linalg.norm(linalg.solve_triangular(fit.root, psi - fit.psi, lower=True)))
         return ConsistentParameters(
             phi=phi,
-            psi=regrouped,
-            names=self.base.names,
-            attainable=bool(distance**2 <= region(self.base.rank)),
+            psi=psi,
+            names=fit.base.names,
+            attainable=bool(distance**2 <= region(fit.base.rank)),
             distance=distance,
-            shift=(regrouped - given) / np.linalg.norm(fit.root, axis=1),
+            shift=(psi - fit.psi) / np.linalg.norm(fit.root, axis=1),
             divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
             mass_std=self.problem(of_rotors=False).std(K[:b], self.L[:, 3]),
-            prior=self.physical,
-            raised=self.raised,
             bodies=self.names,
             model=self.model,
-            rotors=dict(zip(self.rotors.names, x.tolist(), strict=True)) if len(K) > b else {},
+            rotors=dict(zip(rotors.names, x.tolist(), strict=True)) if len(K) > b else {},
             fitting=fit,
         )
 
 
-def physical_prior(
-    phi: np.ndarray, *, minimum: float = 1e-2, bodies: Sequence[str] | None = None
-) -> tuple[np.ndarray, tuple[int, ...]]:
-    """The φ made physical, and the bodies that had to be raised for that.
+def physical_prior(phi: np.ndarray, *, bodies: Sequence[str] | None = None) -> np.ndarray:
+    """The φ made physical (10 b,).
+
+    Masses and central second moments of bodies with less, of massless ones and of those with impossible moments are
+    raised to those of a body of `LEAST_SIZE` of the whole tree.
 
     Args:
         phi: φ of all bodies (10 b,).
-        minimum: Smallest radius of gyration that a body may have, over that of the whole tree; its mass must be at
-            least `minimum³` of the whole. Bodies with less, massless ones and those with impossible moments are raised
-            to it.
         bodies: Names of the bodies, for messages.
-
-    Returns:
-        φ with masses and central second moments raised to the minimum (10 b,), and indices of those bodies.
 
     Raises:
         InputError: A mass is negative, or all bodies together have neither mass nor extent.
@@ -346,18 +330,15 @@ def physical_prior(
         raise InputError(f"A prior body needs a mass of at least zero; negative: {_chosen(names, mass < 0)}.")
     if not (mass.sum() > 0 and second.sum() > 0):
         raise InputError("A prior needs mass and extent to measure bodies by; all masses or all moments are zero.")
-    smallest = minimum**2 * second.sum() / mass.sum() / 3
-    raised = []
-    for k, m in enumerate(mass):
-        com = J[k, :3, 3] / m if m > 0 else np.zeros(3)
+    smallest, lightest = LEAST_SIZE**2 * second.sum() / mass.sum() / 3, LEAST_SIZE**3 * mass.sum()
+    for k, m in enumerate(mass.tolist()):
+        com, heavy = (J[k, :3, 3] / m if m > 0 else np.zeros(3)), max(m, lightest)
         values, axes = np.linalg.eigh(J[k, :3, :3] - m * np.outer(com, com))
-        heavy = max(m, minimum**3 * mass.sum())
         if m < heavy or (values < heavy * smallest).any():
-            raised.append(k)
             central = (axes * np.maximum(values, heavy * smallest)) @ axes.T
-            J[k, :3, :3], J[k, :3, 3] = central + heavy * np.outer(com, com), heavy * com
-            J[k, 3, :3], J[k, 3, 3] = heavy * com, heavy
-    return parameters_from_pseudo_inertia(J).ravel(), tuple(raised)
+            J[k] = heavy * np.outer(*2 * [np.append(com, 1)])
+            J[k, :3, :3] += central
+    return parameters_from_pseudo_inertia(J).ravel()
 
 
 def _check(psi: np.ndarray, C: np.ndarray, base: BaseParameters, prior: np.ndarray) -> None:

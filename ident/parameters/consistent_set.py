@@ -7,9 +7,6 @@ weights t of the objective lead to the maximum, from which the last two are prop
 the identity, so is the Hessian of the bodies' barrier, and Newton's step needs as many equations as A has rows.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
 FACTOR, WEIGHTS = 25.0, 3
@@ -38,61 +35,46 @@ UNITS[range(10), PLACES[0], PLACES[1]] = UNITS[range(10), PLACES[1], PLACES[0]] 
 UNITS[range(10), PLACES[0], PLACES[1]] **= np.where(PLACES[0] == PLACES[1], 0, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class ConsistentSet:
-    """All physical bodies and rotors with `|A v - y|² ≤ square`, in units of some of them: K = 1 and x = 1 fit.
-
-    Attributes:
-        A: Rows: ten entries in the basis `UNITS` for each body, then one for each rotor (r, 10 b + k).
-        y: Right sides (r,).
-        square: Largest squared distance.
-        bodies: Number of bodies b.
-    """
-
-    A: np.ndarray
-    y: np.ndarray
-    square: float
-    bodies: int
-
-    def maxima(self, f: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """Maxima of `f·v / d·v`; infinite where nothing bounds them, or where rounding ends the search.
-
-        Args:
-            f: Numerators (N, 10 b + k).
-            d: Denominators, positive for all physical bodies; zeros for one (N, 10 b + k).
-        """
-        count = max(1, int(AT_ONCE / self.A.size))
-        return np.concatenate([np.zeros(0), *(_Search(self, *each).maxima() for each in _parts(count, f, d))])
-
-    @cached_property
-    def trace(self) -> np.ndarray:
-        """Coefficients of the trace of all bodies and rotors (10 b + k,)."""
-        return traces(self.bodies, self.A.shape[1] - 10 * self.bodies)
-
-
 def traces(bodies: int, rotors: int) -> np.ndarray:
     """Traces of the coordinates of bodies and rotors, which are those of K = 1 and x = 1 as well (10 b + k,)."""
     return np.r_[np.tile(np.trace(UNITS, axis1=1, axis2=2), bodies), np.ones(rotors)]
 
 
-def _parts(count: int, f: np.ndarray, d: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [(f[k : k + count], d[k : k + count]) for k in range(0, len(f), count)]
+def maxima(A: np.ndarray, y: np.ndarray, square: float, bodies: int, f: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Maxima of `f·v / d·v` over all physical bodies and rotors with `|A v - y|² ≤ square`.
+
+    Units are those of some of them: K = 1 and x = 1 fit.
+
+    Args:
+        A: Rows: ten entries in the basis `UNITS` for each body, then one for each rotor (r, 10 b + k).
+        y: Right sides (r,).
+        square: Largest squared distance.
+        bodies: Number of bodies b.
+        f: Numerators (N, 10 b + k).
+        d: Denominators, positive for all physical bodies; zeros for one (N, 10 b + k).
+
+    Returns:
+        The maxima (N,), infinite where nothing bounds them, or where rounding ends the search.
+    """
+    at_once = max(1, int(AT_ONCE / A.size))
+    parts = [slice(k, k + at_once) for k in range(0, len(f), at_once)]
+    return np.concatenate([np.zeros(0), *(_Search(A, y, square, bodies, f[k], d[k]).maxima() for k in parts)])
 
 
 class _Search:
     """Newton's method on the barriers of several objectives side by side."""
 
-    def __init__(self, over: ConsistentSet, f: np.ndarray, d: np.ndarray) -> None:
-        self.over, self.f, self.d = over, f, d
+    def __init__(self, A: np.ndarray, y: np.ndarray, square: float, b: int, f: np.ndarray, d: np.ndarray) -> None:
+        self.y, self.square, self.b, self.f, self.d = y, square, b, f, d
         self.one = np.where(d.any(axis=1), 0.0, 1.0)
         size = np.linalg.norm(f, axis=1) / (self.one + np.linalg.norm(d, axis=1))
-        self.limit, trace = UNBOUNDED * size, over.trace
-        self.rows, self.largest = np.vstack([over.A, trace]), LARGEST * float(trace @ trace)
-        b = over.bodies
+        self.limit, self.trace = UNBOUNDED * size, traces(b, A.shape[1] - 10 * b)
+        self.rows, self.largest = np.vstack([A, self.trace]), LARGEST * float(self.trace @ self.trace)
         self.of_bodies = self.rows[:, : 10 * b].reshape(-1, b, 10).swapaxes(0, 1)
-        self.G, self.x = np.tile(np.eye(4), (len(f), b, 1, 1)), np.ones((len(f), len(trace) - 10 * b))
+        self.G, self.x = np.tile(np.eye(4), (len(f), b, 1, 1)), np.ones((len(f), A.shape[1] - 10 * b))
         self.t, self.values = np.zeros(len(f)), np.full((len(f), WEIGHTS), np.nan)
-        self.first, self.growth = self._value(np.arange(len(f)), np.tile(trace, (len(f), 1))), np.zeros(len(f))
+        start = self._value(np.arange(len(f)), np.tile(self.trace, (len(f), 1)))
+        self.first, self.growth = start, np.zeros(len(f))
 
     def maxima(self) -> np.ndarray:
         stage, out = np.zeros(len(self.f), int), np.full(len(self.f), np.inf)
@@ -117,15 +99,15 @@ class _Search:
 
     def _step(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Makes a Newton step of some objectives and returns which were near their minimum, and their values."""
-        b, G, x = self.over.bodies, self.G[k], self.x[k]
+        b, G, x = self.b, self.G[k], self.x[k]
         v = self._coordinates(G, x)
         scaled, f = self._in_own_units(k, v)
         reached = v @ self.rows.T
-        u, slack = reached[:, :-1] - self.over.y, self.largest - reached[:, -1]
+        u, slack = reached[:, :-1] - self.y, self.largest - reached[:, -1]
         uu = np.sum(u**2, axis=1)
-        room = self.over.square - uu
+        room = self.square - uu
         pull = np.concatenate([2 * u / room[:, None], 1 / slack[:, None]], axis=1)
-        centre = self.over.trace - np.einsum("nr,nrj->nj", pull, scaled)
+        centre = self.trace - np.einsum("nr,nrj->nj", pull, scaled)
         both = np.stack([f, centre], axis=2)
         solved = both - scaled.swapaxes(1, 2) @ np.linalg.solve(
             _inverse(u, uu, room, slack) + scaled @ scaled.swapaxes(1, 2), scaled @ both
@@ -153,7 +135,7 @@ class _Search:
 
     def _in_own_units(self, k: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rows and gradients of some objectives at v in axes where their bodies are the identity, (N, r, …), (N, …)."""
-        b, x, frames = self.over.bodies, self.x[k], _frames(self.G[k])
+        b, x, frames = self.b, self.x[k], _frames(self.G[k])
         f = self.f[k] - self._value(k, v)[:, None] * self.d[k]
         of_bodies = (self.of_bodies @ frames).swapaxes(1, 2).reshape(len(k), len(self.rows), -1)
         scaled = np.concatenate([of_bodies, self.rows[:, 10 * b :] * x[:, None]], axis=2)

@@ -8,9 +8,7 @@ import numpy as np
 from ident.annotations import Vector
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com
-from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
 from ident.parameters.prior import KNOWN
 from ident.setup import OF_PEOPLE
@@ -119,23 +117,23 @@ def _ends(
     joints: "JointPlaces", name: str, own: Placed, segment: Segment, height: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Proximal and distal end of a body's segment, in the body's frame."""
-    ends = f"{segment.ends[0]} to {segment.ends[1]}"
-    example = f"{name} = {{ segment = '{own.segment}', proximal = [0, 0, 0], distal = [0, -0.4, 0] }}"
-    ask = f"say where in its frame, in m, as in {example}"
     doubtful = own.segment in LANDMARKS or segment.ends[0] == "heel"
-    proximal = own.proximal if own.proximal is not None else joints.own(name)
-    if proximal is None or (doubtful and own.proximal is None and not segment.length):
-        raise ModelError(f"The segment of '{name}' goes from {ends}; {ask} under [segments].")
-    distal = own.distal
-    if distal is None and not segment.length and not doubtful:
+    proximal, distal = own.proximal, own.distal
+    if proximal is None and (segment.length or not doubtful):
+        proximal = joints.own(name)
+    if distal is None and not (segment.length or doubtful):
         distal = joints.next(name)
-    if distal is None and segment.length:
+    if proximal is not None and distal is None and segment.length:
         # The direction is the model's, the length follows from the person's height.
         toward = joints.center(name) - proximal
         if size := float(np.linalg.norm(toward)):
             distal = proximal + toward / size * segment.length * height
-    if distal is None or not np.linalg.norm(distal - proximal) > 0:
-        raise ModelError(f"The segment of '{name}' goes from {ends}; {ask} under [segments].")
+    if proximal is None or distal is None or not np.linalg.norm(distal - proximal) > 0:
+        raise ModelError(
+            f"The segment of '{name}' goes from {segment.ends[0]} to {segment.ends[1]}; say where in its frame, in m, "
+            f"as in {name} = {{ segment = '{own.segment}', proximal = [0, 0, 0], distal = [0, -0.4, 0] }} under "
+            "[segments]."
+        )
     return proximal, distal
 
 
@@ -144,69 +142,48 @@ class JointPlaces:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.tree = mechanism.tree
-        self.poses = self.tree.poses(_zero(self.tree))
-        prior = mechanism.prior if mechanism.prior is not None else np.zeros(10 * len(mechanism.bodies))
-        self.masses = dict(zip(self.tree.inertial, prior[::10].tolist(), strict=True))
-        self.phi = dict(zip(mechanism.bodies, prior.reshape(-1, 10), strict=True))
+        zero = [[1.0, 0, 0, 0] if body.is_ball else [0.0] * body.coordinates for body in self.tree.bodies]
+        self.poses = self.tree.poses(np.concatenate(zero))
+        prior = np.zeros(10 * len(mechanism.bodies)) if mechanism.prior is None else mechanism.prior
+        self.phi = dict(zip(self.tree.inertial, prior.reshape(-1, 10), strict=True))
 
     def own(self, name: str) -> np.ndarray | None:
         """Position of a body's own joint, None if the body moves freely or is welded to the base."""
-        point = self._joint(self.tree.names.index(name))
-        return None if point is None else self._within(name, point)
+        body = self.tree.names.index(name)
+        return self._joint(body, body)
 
     def next(self, name: str) -> np.ndarray | None:
         """Position of the joint of a body's child, of the heaviest of several; None if that is doubtful."""
         body = self.tree.names.index(name)
-        carried = {i: self._weight(i) for i in self.tree.inertial if i != body and self._carrier(i) == body}
-        order = sorted(carried, key=lambda i: carried[i], reverse=True)
-        if not order or (len(order) > 1 and carried[order[1]] > ASIDE * carried[order[0]]):
+        on_it = [i for i in self.tree.inertial if self.tree.bodies[self.tree.first_link(i)].parent == body]
+        weights = {i: sum(self.phi[k][0] for k in self.tree.carried(i) if k in self.phi) for i in on_it}
+        order = sorted(weights, key=lambda i: weights[i], reverse=True)
+        if not order or (len(order) > 1 and weights[order[1]] > ASIDE * weights[order[0]]):
             return None
-        point = self._joint(order[0])
-        return None if point is None else self._within(name, point)
+        return self._joint(order[0], body)
 
     def center(self, name: str) -> np.ndarray:
         """Centre of mass of a body in the model, the origin of its frame if it has no mass."""
-        phi = self.phi[name]
+        phi = self.phi[self.tree.names.index(name)]
         return phi[1:4] / phi[0] if phi[0] else np.zeros(3)
 
-    def _chain(self, i: int) -> list[int]:
-        """A body and the massless links of its joint."""
-        chain = [i]
-        while (parent := self.tree.bodies[chain[-1]].parent) != BASE and self.tree.bodies[parent].massless:
-            chain.append(parent)
-        return chain
+    def _joint(self, i: int, of: int) -> np.ndarray | None:
+        """Point nearest to all axes of a body's joint, in the frame of a body; None if it is free or does not turn.
 
-    def _carrier(self, i: int) -> int:
-        """The body with mass that carries another one, or `BASE`."""
-        return self.tree.bodies[self._chain(i)[-1]].parent
-
-    def _weight(self, i: int) -> float:
-        """Mass of a body and of all its descendants."""
-        return sum(self.masses.get(k, 0.0) for k in self.tree.carried(i))
-
-    def _joint(self, i: int) -> np.ndarray | None:
-        """Point nearest to all axes of a body's joint, in the base frame; undetermined directions are its origin's."""
-        chain = self._chain(i)
+        Undetermined directions are those of the body's origin.
+        """
+        chain = self.tree.chain(i)
+        chain = chain[chain.index(self.tree.first_link(i)) :]
         axes = [k for k in chain if self.tree.bodies[k].motions[3:].any()]
         slides = [k for k in chain if self.tree.bodies[k].freedoms and k not in axes]
         if len(slides) > 2 or not axes:
             return None
-        origin = self.poses[i][:3, 3]
-        rows, values = [1e-6 * np.eye(3)], [1e-6 * origin]
-        for k in axes:
-            body, R, p = self.tree.bodies[k], self.poses[k][:3, :3], self.poses[k][:3, 3]
-            for v, w in body.motions.T.reshape(-1, 2, 3):
+        rows, values = [1e-6 * np.eye(3)], [1e-6 * self.poses[i][:3, 3]]
+        for k in reversed(axes):
+            R, p = self.poses[k][:3, :3], self.poses[k][:3, 3]
+            for v, w in self.tree.bodies[k].motions.T.reshape(-1, 2, 3):
                 across = np.eye(3) - np.outer(R @ w, R @ w)
                 rows.append(across)
                 values.append(across @ (R @ np.cross(w, v) + p))
-        return np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
-
-    def _within(self, name: str, point: np.ndarray) -> np.ndarray:
-        """A point given in the base frame, expressed in that of a body."""
-        T = self.poses[self.tree.names.index(name)]
-        return T[:3, :3].T @ (point - T[:3, 3])
-
-
-def _zero(tree: Tree) -> np.ndarray:
-    """Coordinates zero, with unit quaternions for balls (n_q,)."""
-    return np.concatenate([np.zeros(0), *([1.0, 0, 0, 0] if b.is_ball else [0.0] * b.coordinates for b in tree.bodies)])
+        point = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
+        return self.poses[of][:3, :3].T @ (point - self.poses[of][:3, 3])

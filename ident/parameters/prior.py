@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
-from ident.geometry.inertia import parameters_from_com, parameters_from_pseudo_inertia, pseudo_inertia
+from ident.geometry.inertia import entries, parameters_from_com, parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.axes import column_place, stated_values
@@ -121,7 +121,7 @@ def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.n
     P, a = X + V, known["mass"] ** 2
     # P_ik P_jl - X_ik X_jl without cancellation.
     crossed = _crossed(V, P) + _crossed(X, V)
-    products = a * _product(P, P) + _product(V, V) + (1 + a) * (crossed + crossed.swapaxes(2, 3))
+    products = a * np.multiply.outer(P, P) + np.multiply.outer(V, V) + (1 + a) * (crossed + crossed.swapaxes(2, 3))
     moved = parameters_from_pseudo_inertia(np.moveaxis(parameters_from_pseudo_inertia(products), 2, 0))
     return mass**2 * moved + _central(pseudo_inertia(phi) - mass * X, known["inertia"])
 
@@ -133,15 +133,9 @@ def _central(J: np.ndarray, relative: float) -> np.ndarray:
     # Absolute values, for bodies of a model that are not physical.
     inertia = (axes * np.abs(values)) @ axes.T
     crossed = _crossed(inertia, inertia)
-    row, column = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
     out = np.zeros((10, 10))
-    out[4:, 4:] = relative**2 / 2 * (crossed + crossed.swapaxes(2, 3))[row, column][:, row, column]
+    out[4:, 4:] = relative**2 / 2 * entries(np.moveaxis(entries(crossed + crossed.swapaxes(2, 3)), 2, 0))
     return out
-
-
-def _product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """`A_ij B_kl`."""
-    return A[:, :, None, None] * B
 
 
 def _crossed(A: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -155,13 +149,11 @@ def known_covariances(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) 
     Bodies of which the model states no mass may be several times as heavy as the others, and are not known to be zero.
     """
     known = checked_deviations("known", known, OF_BODIES)
-    out, without = [], unstated(mechanism)
-    for name, phi, new, guess in zip(
-        mechanism.bodies, mechanism.known.reshape(-1, 10), without, guessed(mechanism).reshape(-1, 10), strict=True
-    ):
+    out, bodies = [], guessed(mechanism).reshape(-1, 10)
+    for name, phi, new in zip(mechanism.bodies, bodies, unstated(mechanism), strict=True):
         if new:
-            size = float(np.sqrt(guess[4:7].sum() / guess[0]))
-            out.append(body_covariance(guess, {"mass": OPEN, "center": size, "inertia": OPEN}) + np.outer(guess, guess))
+            size = float(np.sqrt(phi[4:7].sum() / phi[0]))
+            out.append(body_covariance(phi, {"mass": OPEN, "center": size, "inertia": OPEN}) + np.outer(phi, phi))
         else:
             out.append(body_covariance(phi, {**known, **mechanism.prior_known.get(name, {})}))
     return np.array(out)

@@ -142,7 +142,9 @@ def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure
         energy[i] = _span([energy[body.parent] @ constant], 10)
         if body.moves:
             fresh += [] if still else [directions[i] @ momentum_regressor(body.twist)]
-            fresh += _torque_rows(body.twist, twists[i], weights[i]) if sensors.joint_torques else []
+            if sensors.joint_torques:
+                own = momentum_regressor(body.twist)
+                fresh += [twists[i] @ own, *(body.twist[None] @ momentum_regressor(weight) for weight in weights[i])]
         constraints[i] = _span(fresh, 10)
         rows[i] = _span([constraints[i], rows[body.parent] @ constant], 10)
     return Structure(tree, constraints, [constant for constant, _ in transfers])
@@ -228,11 +230,6 @@ def _base_rows(channels: np.ndarray, weight: np.ndarray, moving: np.ndarray) -> 
         for b in range(a + 1)
     ]
     return rows, channels if len(channels) == 6 else _span([channels, *turned], 6)
-
-
-def _torque_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
-    """Rows on a joint's composite for its torque."""
-    return [twists @ momentum_regressor(twist), *(twist[None] @ momentum_regressor(weight) for weight in weights)]
 
 
 def _composites(tree: Tree, transfers: list[np.ndarray]) -> dict[int, np.ndarray]:

@@ -1,21 +1,25 @@
 """Regrouping of large mechanisms body by body along the tree, instead of with one dense matrix.
 
-With the composite bodies `z_k = φ_k + Σ_c E_c z_c` as variables, c the bodies next to k, the rows of a `Structure` act
-on one body each: `K_k z_k = 0`. So combinations without effect are, for each vector n of the kernel of K_k,
+With the composite bodies `z_k = φ_k + Σ_c E_c z_c` as variables, c the bodies next to k, `φ = (1 - S) z` with a sparse
+S of all E_c. The rows of a `Structure` act on one body each: `A = R (1 - S)⁻¹` with blocks K_k in R. So combinations
+without effect are, for each vector n of the kernel of K_k,
 
     φ_k = n,    φ_p = -E_k n    on the next body p towards the base,    φ = 0    on all others.
 
 A body's parameters that depend on those before them are those that do so in K_k alone, and what n shifts to p is
-regrouped there, from the leaves to the base (as by Gautier and Khalil, IEEE Trans. Robotics and Automation 6, 1990).
-Bodies next to a massless link with rows of its own share these rows: they are eliminated as one group.
+regrouped there (as by Gautier and Khalil, IEEE Trans. Robotics and Automation 6, 1990). Bodies next to a massless link
+with rows of its own share these rows: they are eliminated as one group.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
 from ident.mechanism.body import BASE
 from ident.parameters.independent_columns import (
@@ -37,97 +41,171 @@ FEW = 30
 
 
 @dataclass(frozen=True, eq=False)
-class BodyGroup:
-    """Bodies with parameters that share rows, mostly one alone, and the kernel of these rows.
-
-    All columns have unit norm in the matrix of the structure.
+class Elimination:
+    """Unit-norm columns A of a structure's matrix, eliminated along its tree.
 
     Attributes:
-        columns: Indices of the bodies' parameters (k,).
-        below: Indices of the parameters of the next body towards the base, (10,), or (0,) if there is none.
-        shift: That body's composite due to those of the group (10, k), or (0, k).
-        rows: Rows on the composites (m, k).
-        kept: Indices, among the columns, of the first independent ones (r,).
-        others: Indices of the other columns (k - r,).
-        made: Coefficients of the other columns (r, k - r).
-        inverse: Pseudo-inverse of the rows (k, m).
-        clear: False if the rank is in doubt.
+        norms: Norms of the columns (P,).
+        kept: Indices of the first independent columns (r,).
+        others: Indices of the other columns (P - r,).
+        rows: Rows R on the composites (m, P).
+        inverse: Their pseudo-inverse (P, m).
+        kernel: Composites without effect on them, one for each of the other columns (P, P - r).
+        steps: `1 - S`, φ from the composites (P, P).
+        distinct: True if the rank of every group is beyond doubt.
         passed: True if a column that is nearly dependent was passed over.
     """
 
-    columns: np.ndarray
-    below: np.ndarray
-    shift: np.ndarray
-    rows: np.ndarray
-    kept: list[int]
-    others: list[int]
-    made: np.ndarray
-    inverse: np.ndarray
-    clear: bool
+    norms: np.ndarray
+    kept: np.ndarray
+    others: np.ndarray
+    rows: sparse.csr_array
+    inverse: sparse.csr_array
+    kernel: sparse.csr_array
+    steps: sparse.csr_array
+    distinct: bool
     passed: bool
 
-    @property
-    def kernel(self) -> np.ndarray:
-        """Combinations without effect on the rows, one for each of the other columns (k, k - r)."""
-        out = np.zeros((len(self.columns), len(self.others)))
-        out[self.kept], out[self.others] = -self.made, np.eye(len(self.others))
+    @cached_property
+    def clear(self) -> bool:
+        """True if the rank is beyond doubt."""
+        # The largest singular value is below the square root of the number of columns.
+        return len(self.kept) > 0 and self.distinct and self.gap[0] > CLEAR[0] * np.sqrt(len(self.norms))
+
+    @cached_property
+    def gap(self) -> tuple[float, float]:
+        """Smallest singular value of A that counts, `1 / ‖A⁺‖`, and the largest taken for zero.
+
+        A⁺ solves for the composites, then for φ, and subtracts what has no effect.
+        """
+        solved, kernel = (self.steps @ x for x in (self.inverse, self.kernel))
+        gram = splu((kernel.T @ kernel).tocsc()) if kernel.shape[1] else None
+
+        def squared(x: np.ndarray) -> np.ndarray:
+            y = solved @ x
+            return solved.T @ (y if gram is None else y - kernel @ gram.solve(kernel.T @ y))
+
+        rows = solved.shape[1]
+        if rows <= FEW:
+            return float(np.linalg.eigvalsh(squared(np.eye(rows)))[-1] ** -0.5), 0.0
+        start = np.random.default_rng(0).normal(size=rows)
+        operator = LinearOperator((rows, rows), matvec=squared, dtype=float)
+        return float(eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0] ** -0.5), 0.0
+
+    @cached_property
+    def coefficients(self) -> np.ndarray | None:
+        """Coefficients of the other columns in terms of the first independent ones (r, P - r).
+
+        None if they are so large that other columns may have to be kept, which only the whole matrix shows.
+        """
+        if self.passed:
+            return None
+        without_effect = self.steps @ self.kernel
+        kept, others = without_effect[self.kept].toarray(), without_effect[self.others]
+        with np.errstate(over="ignore", invalid="ignore"):
+            made = -_triangular(others.T).solve(kept.T).T
+        if not abs(made).max(initial=0) <= min(COEFFICIENTS):
+            return None
+        return self._without_rounding(made)
+
+    def _without_rounding(self, made: np.ndarray) -> np.ndarray:
+        """Coefficients (r, P - r), zero where they are rounding errors, as in `independent_columns.coefficients`."""
+        small = (abs(made) < DEPENDENT) & (made != 0)
+        some = np.flatnonzero(small.any(axis=0))
+        left_out = np.zeros((len(self.norms), len(some)))
+        left_out[self.kept] = np.where(small, made, 0)[:, some]
+        effect = np.linalg.norm(self.rows @ _triangular(self.steps).solve(left_out), axis=0)
+        out = made.copy()
+        out[:, some] = np.where(small[:, some] & (effect < NEGLIGIBLE), 0, made[:, some])
         return out
 
 
-def groups(structure: Structure) -> tuple[list[BodyGroup], np.ndarray]:
-    """Groups of bodies, in the order of their first bodies, and the norms of all columns (P,)."""
+def _triangular(matrix: sparse.csr_array) -> SuperLU:
+    """Factors of a matrix that is triangular, with ones on its diagonal."""
+    return splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+
+
+def elimination(structure: Structure) -> Elimination:
+    """A structure eliminated along its tree."""
     norms, nonzero = bounded_norms(_norms(structure))
-    parents, shifts, near = _composites(structure)
-    scale, places = 1 / np.where(nonzero, norms, np.inf), np.arange(len(norms)).reshape(-1, 10)
-    acting = [(rows, near[i]) for i, rows in structure.rows.items() if len(rows) and near[i]]
-    rows_of = _rows_by_bodies(acting, len(parents))
-    out = []
-    for bodies, rows in rows_of:
-        columns, parent = places[bodies].ravel(), parents[bodies[0]]
-        below = places[parent] if parent >= 0 else places[:0].ravel()
-        shift = np.hstack([shifts[k] for k in bodies])[: len(below)]
-        out.append(_group(columns, below, norms[below][:, None] * shift * scale[columns], rows * scale[columns]))
-    return out, norms
+    unit, places = 1 / np.where(nonzero, norms, np.inf), np.arange(len(norms)).reshape(-1, 10)
+    below, shifts, near = _composites(structure)
+    columns, parts = list[np.ndarray](), list[_Group]()
+    for bodies, rows in _rows_by_bodies(structure, near):
+        columns.append(places[bodies].ravel())
+        parts.append(_Group.of(rows * unit[columns[-1]]))
+    has_next = np.array([k >= 0 for k in below])
+    blocks = np.array(shifts)[has_next].swapaxes(1, 2), np.array(below)[has_next], np.cumsum([0, *has_next])
+    shift = sparse.diags_array(norms) @ sparse.bsr_array(blocks, shape=2 * norms.shape).T @ sparse.diags_array(unit)
+    order = np.argsort(np.concatenate(columns))
+    rows, inverse, kernel = (
+        sparse.block_diag(x, format="csr") for x in zip(*(part[:3] for part in parts), strict=True)
+    )
+    kept = np.concatenate([own[part.kept] for own, part in zip(columns, parts, strict=True)])
+    others = np.concatenate([np.delete(own, part.kept) for own, part in zip(columns, parts, strict=True)])
+    return Elimination(
+        norms=norms,
+        kept=np.sort(kept),
+        others=np.sort(others),
+        rows=rows[:, order],
+        inverse=inverse[order],
+        kernel=kernel[order][:, np.argsort(others)],
+        steps=sparse.eye_array(len(norms), format="csr") - shift.tocsr(),
+        distinct=all(part.distinct for part in parts),
+        passed=any(part.passed for part in parts),
+    )
 
 
-def _group(columns: np.ndarray, below: np.ndarray, shift: np.ndarray, rows: np.ndarray) -> BodyGroup:
-    """A group, with the kernel of its rows."""
-    width = len(columns)
-    if not rows.any():
-        made, inverse = np.zeros((0, width)), np.zeros((width, len(rows)))
-        return BodyGroup(columns, below, shift, rows, [], list(range(width)), made, inverse, True, False)
-    u, s, vt = np.linalg.svd(rows, full_matrices=False)
-    rank = numerical_rank(s)
-    rounding = float(s[rank]) if rank < len(s) else 0.0
-    kept, passed = first_independent(rows, rank, rounding)
-    others = [k for k in range(width) if k not in kept]
-    made = coefficients(rows[:, kept], rows[:, others])
-    inverse = (vt[:rank].T / s[:rank]) @ u[:, :rank].T
-    clear = s[rank - 1] > CLEAR[0] * s[0] and rounding <= CLEAR[1] * s[0]
-    return BodyGroup(columns, below, shift, rows, kept, others, made, inverse, bool(clear), bool(passed))
+class _Group(NamedTuple):
+    """Rows on the k columns of a group of bodies, and what follows from them.
+
+    Attributes:
+        rows: The rows (m, k).
+        inverse: Their pseudo-inverse (k, m).
+        kernel: Combinations without effect, one for each of the other columns (k, k - r).
+        kept: Indices of the first independent columns (r,).
+        distinct: False if the rank is in doubt.
+        passed: True if a column that is nearly dependent was passed over.
+    """
+
+    rows: np.ndarray
+    inverse: np.ndarray
+    kernel: np.ndarray
+    kept: list[int]
+    distinct: bool
+    passed: bool
+
+    @classmethod
+    def of(cls, rows: np.ndarray) -> "_Group":
+        width = rows.shape[1]
+        if not rows.any():
+            return cls(rows, np.zeros((width, len(rows))), np.eye(width), [], True, False)
+        u, s, vt = np.linalg.svd(rows, full_matrices=False)
+        rank = numerical_rank(s)
+        rounding = float(s[rank]) if rank < len(s) else 0.0
+        kept, passed = first_independent(rows, rank, rounding)
+        others = [k for k in range(width) if k not in kept]
+        kernel = np.zeros((width, len(others)))
+        kernel[kept], kernel[others] = -coefficients(rows[:, kept], rows[:, others]), np.eye(len(others))
+        distinct = s[rank - 1] > CLEAR[0] * s[0] and rounding <= CLEAR[1] * s[0]
+        return cls(rows, (vt[:rank].T / s[:rank]) @ u[:, :rank].T, kernel, kept, bool(distinct), bool(passed))
 
 
 def _rows_by_bodies(
-    acting: list[tuple[np.ndarray, dict[int, np.ndarray]]], number: int
-) -> list[tuple[list[int], np.ndarray]]:
-    """Groups of bodies and their rows.
-
-    Args:
-        acting: Rows on a composite, and what each body adds to that composite.
-        number: Number of bodies with parameters.
-    """
-    group_of = list(range(number))
-    for _, parts in acting:
-        joined = {group_of[k] for k in parts}
-        group_of = [min(joined) if g in joined else g for g in group_of] if len(joined) > 1 else group_of
-    members: dict[int, list[int]] = {}
-    for k, group in enumerate(group_of):
-        members.setdefault(group, []).append(k)
-    rows: dict[int, list[np.ndarray]] = {group: [np.zeros((0, 10 * len(own)))] for group, own in members.items()}
-    for K, parts in acting:
-        group, none = group_of[next(iter(parts))], np.zeros((10, 10))
-        rows[group].append(np.hstack([K @ parts.get(k, none) for k in members[group]]))
-    return [(own, np.vstack(rows[group])) for group, own in members.items()]
+    structure: Structure, near: dict[int, dict[int, np.ndarray]]
+) -> Iterator[tuple[list[int], np.ndarray]]:
+    """Groups of bodies that share rows, and these rows; `near` as by `_composites`."""
+    acting = [(rows, near[i]) for i, rows in structure.rows.items() if len(rows) and near[i]]
+    number, none = len(structure.tree.inertial), np.zeros((10, 10))
+    pairs = np.array([(next(iter(parts)), k) for _, parts in acting for k in parts]).reshape(-1, 2).T
+    _, group = connected_components(sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(number, number)))
+    own = [list[tuple[np.ndarray, dict[int, np.ndarray]]]() for _ in range(number)]
+    for rows, parts in acting:
+        own[group[next(iter(parts))]].append((rows, parts))
+    for k in range(max(group) + 1):
+        bodies = np.flatnonzero(group == k).tolist()
+        stacked = [np.hstack([K @ parts.get(i, none) for i in bodies]) for K, parts in own[k]]
+        yield bodies, np.vstack([np.zeros((0, 10 * len(bodies))), *stacked])
 
 
 def _composites(structure: Structure) -> tuple[list[int], list[np.ndarray], dict[int, dict[int, np.ndarray]]]:
@@ -161,117 +239,3 @@ def _norms(structure: Structure) -> np.ndarray:
         rows = np.vstack([structure.rows[i], factors[body.parent] @ structure.transfers[i]])
         factors[i] = linalg.qr(rows, mode="r")[0][:10] if len(rows) > 10 else rows
     return np.concatenate([np.linalg.norm(factors[i], axis=0) for i in tree.inertial])
-
-
-@dataclass(frozen=True, eq=False)
-class Elimination:
-    """Unit-norm columns of a structure's matrix, eliminated along its tree.
-
-    Attributes:
-        parts: Groups of bodies.
-        norms: Norms of the columns (P,).
-        kept: Indices of the first independent columns (r,).
-        others: Indices of the other columns (P - r,).
-    """
-
-    parts: Sequence[BodyGroup]
-    norms: np.ndarray
-    kept: np.ndarray
-    others: np.ndarray
-
-    @cached_property
-    def clear(self) -> bool:
-        """True if the rank is beyond doubt."""
-        # The largest singular value is below the square root of the number of columns.
-        least = CLEAR[0] * np.sqrt(len(self.norms))
-        return len(self.kept) > 0 and all(part.clear for part in self.parts) and self.least > least
-
-    @cached_property
-    def least(self) -> float:
-        """Smallest singular value of the columns that is not zero."""
-        return least_singular_value(self.parts, len(self.norms))
-
-    @cached_property
-    def coefficients(self) -> np.ndarray | None:
-        """Coefficients of the other columns in terms of the first independent ones (r, P - r).
-
-        None if they are so large that other columns may have to be kept, which only the whole matrix shows.
-        """
-        if any(part.passed for part in self.parts):
-            return None
-        made = _coefficients(self.parts, self.others, len(self.norms))[self.kept]
-        if not abs(made).max(initial=0) <= min(COEFFICIENTS):
-            return None
-        return _without_rounding(made, self.parts, self.kept)
-
-
-def elimination(structure: Structure) -> Elimination:
-    """A structure eliminated along its tree."""
-    parts, norms = groups(structure)
-    kept, others = (np.sort(np.concatenate([g.columns[getattr(g, key)] for g in parts])) for key in ("kept", "others"))
-    return Elimination(parts, norms, kept, others)
-
-
-def _coefficients(parts: Sequence[BodyGroup], others: np.ndarray, size: int) -> np.ndarray:
-    """Coefficients of the other columns in terms of the first independent ones, zero for themselves (P, P - r)."""
-    out = np.zeros((size, len(others)))
-    place = dict(zip(others.tolist(), range(len(others)), strict=True))
-    beyond: dict[int, list[int]] = {}
-    with np.errstate(over="ignore", invalid="ignore"):
-        for part in reversed(parts):
-            kept, dependent = part.columns[part.kept], part.columns[part.others]
-            own = [place[k] for k in dependent.tolist()]
-            out[dependent, own] = 1
-            moved = [*own, *(k for body in set(part.columns // 10) for k in beyond.get(int(body), []))]
-            shares = out[np.ix_(dependent, moved)]
-            out[np.ix_(kept, moved)] += part.made @ shares
-            out[np.ix_(part.below, moved)] += part.shift @ part.kernel @ shares
-            out[np.ix_(dependent, moved)] = 0
-            if len(part.below):
-                beyond.setdefault(int(part.below[0]) // 10, []).extend(moved)
-    return out
-
-
-def _without_rounding(made: np.ndarray, parts: Sequence[BodyGroup], kept: np.ndarray) -> np.ndarray:
-    """Coefficients (r, P - r), zero where they are only rounding errors, as in `independent_columns.coefficients`."""
-    small = (abs(made) < DEPENDENT) & (made != 0)
-    some = np.flatnonzero(small.any(axis=0))
-    left_out = np.zeros((sum(made.shape), len(some)))
-    left_out[kept] = np.where(small, made, 0)[:, some]
-    for part in reversed(parts):
-        left_out[part.below] += part.shift @ left_out[part.columns]
-    effect = np.sqrt(sum(((part.rows @ left_out[part.columns]) ** 2).sum(axis=0) for part in parts))
-    out = made.copy()
-    out[:, some] = np.where(small[:, some] & (effect < NEGLIGIBLE), 0, made[:, some])
-    return out
-
-
-def least_singular_value(parts: Sequence[BodyGroup], size: int) -> float:
-    """Smallest singular value of the unit-norm columns that is not zero: 1 / ‖A⁺‖ for the columns A.
-
-    A⁺ solves for the composites, then for φ, and subtracts what has no effect.
-    """
-    # Few mechanisms are so large that sparse solvers are worth their import.
-    from scipy import sparse
-    from scipy.sparse.linalg import LinearOperator, eigsh, splu
-
-    columns = np.concatenate([group.columns for group in parts])
-    order = sparse.csr_array((np.ones(size), (columns, np.arange(size))), shape=(size, size))
-    at = [np.meshgrid(group.below, group.columns, indexing="ij") for group in parts]
-    places = tuple(np.concatenate([pair[k].ravel() for pair in at]) for k in (0, 1))
-    shifts = sparse.csr_array((np.concatenate([g.shift.ravel() for g in parts]), places), shape=(size, size))
-    own = sparse.eye_array(size, format="csr") - shifts
-    solved = (own @ order @ sparse.block_diag([group.inverse for group in parts], format="csr")).tocsr()
-    kernel = (own @ order @ sparse.block_diag([group.kernel for group in parts], format="csr")).tocsr()
-    gram = splu((kernel.T @ kernel).tocsc()) if kernel.shape[1] else None
-
-    def squared(x: np.ndarray) -> np.ndarray:
-        y = solved @ x
-        return solved.T @ (y if gram is None else y - kernel @ gram.solve(kernel.T @ y))
-
-    rows = solved.shape[1]
-    if rows <= FEW:
-        return float(np.linalg.eigvalsh(squared(np.eye(rows)))[-1] ** -0.5)
-    start = np.random.default_rng(0).normal(size=rows)
-    operator = LinearOperator((rows, rows), matvec=squared, dtype=float)
-    return float(eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0] ** -0.5)

@@ -60,6 +60,13 @@ def test_parallel_axes_come_out_as_one_direction():
     assert abs(recovered.points).max() < 2e-3
 
 
+def test_each_axis_is_compared_with_the_next_one_towards_the_base():
+    twists, home = np.eye(6)[[3, 4, 4]], se3.pose(np.eye(3), np.array([0, 0, 0.3]))
+    tree = Tree(tuple(Body(f"b{k}", k - 1, home, twist, f"j{k}") for k, twist in enumerate(twists)))
+    poses = noisy(tree.poses(np.c_[ANGLES, ANGLES[:, 0]]), np.random.default_rng(0))
+    assert recover_axes(tree, poses).groups == ((0,), (1, 2))
+
+
 def test_p_values_of_parallel_axes_are_uniform():
     rng = np.random.default_rng(0)
     axis = tilted_axis(5, 120)

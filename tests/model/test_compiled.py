@@ -10,7 +10,7 @@ from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import adjoint, compiled, regressor
-from ident.model.steps import OTHERS
+from ident.model.compiled import OTHERS
 from ident.model.tape import Program, Tape
 
 pytestmark = pytest.mark.skipif(not compiled.available(), reason="built without a compiler, or switched off")
@@ -81,3 +81,40 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
 def test_every_operation_of_the_tape_is_known():
     known = {np.negative, np.positive, np.add, np.subtract, np.multiply, *OTHERS}
     assert set(adjoint._DERIVATIVES) | {np.positive} == known
+
+
+INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
+FIRST = INPUTS + len(NUMBERS) + RESULTS
+SIMPLE = (np.negative, np.positive, np.add, np.subtract, np.multiply)
+
+
+def random_program(rng, length):
+    """A program mainly of sums, products and negatives, which reuses few registers, as real programs do."""
+    readable = list(range(INPUTS + len(NUMBERS)))
+    code = []
+    for _ in range(length):
+        operation = tuple(OTHERS)[rng.integers(4)] if rng.random() < 0.1 else SIMPLE[rng.integers(5)]
+        x, y = (int(readable[k]) for k in rng.integers(len(readable), size=2))
+        target = int(rng.integers(FIRST - RESULTS if rng.random() < 0.2 else FIRST, FIRST + REGISTERS))
+        # Quotients have large divisors, so that rounding errors stay small.
+        y = INPUTS if operation is np.divide else y
+        code.append((operation, x, y if operation.nin == 2 else None, target))
+        readable += [target] * (target not in readable)
+    code += [(np.positive, readable[-1 - k % 4], None, FIRST - RESULTS + k) for k in range(RESULTS)]
+    return Program(INPUTS, NUMBERS, RESULTS, REGISTERS, (), tuple(code))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_programs_that_combine_operations_give_what_numpy_gives(seed):
+    rng = np.random.default_rng(seed)
+    for length in range(1, 20):
+        program, x = random_program(rng, length), rng.normal(size=(INPUTS, compiled.BLOCK))
+
+        def ran(program=program, x=x):
+            out = np.zeros((RESULTS, compiled.BLOCK))
+            with np.errstate(over="ignore", invalid="ignore"):
+                program.run(x, out)
+            return out
+
+        fast, plain = both(ran)
+        np.testing.assert_allclose(fast, plain, rtol=1e-9, atol=1e-9 * np.max(abs(plain), initial=1))

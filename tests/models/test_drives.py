@@ -64,7 +64,7 @@ def test_rotors_of_actuators_count_with_the_square_of_their_gear():
     actuators = '<motor name="m" joint="shoulder" gear="-10" armature=".02" damping=".003"/>'
     drive = arm(actuators=actuators).drives["shoulder"]
     assert (drive.viscous, drive.rotor) == (0.5, 0.0)
-    assert (drive.all_viscous, drive.all_rotor) == pytest.approx((0.8, 2.0))
+    assert (drive.value("viscous"), drive.value("rotor")) == pytest.approx((0.8, 2.0))
 
 
 @pytest.mark.skipif(not hasattr(mujoco.mjtGain, "mjGAIN_DCMOTOR"), reason="this MuJoCo has no DC motors")
@@ -73,7 +73,7 @@ def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
     drive = arm(actuators=motor.format('lugre="1e4 10 .3 .3 .5"')).drives["elbow"]
     own = drive.actuators[0]
     assert (own.gain, own.kv, own.kp, own.coulomb) == pytest.approx((0.05, 0.005, 0, 0.3))
-    assert drive.value("coulomb") - drive.coulomb == pytest.approx(3.0) and drive.all_rotor > 2.0 - 1e-12
+    assert drive.value("coulomb") - drive.coulomb == pytest.approx(3.0) and drive.value("rotor") > 2.0 - 1e-12
     assert drive.with_value("coulomb", 3.5).coulomb == pytest.approx(0.5)
     with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
         arm(actuators=motor.format('lugre="1e4 10 .3 .4 .5"'))

@@ -1,5 +1,6 @@
 """Base parameters against ranks and regressors, and their elimination against the plain way."""
 
+import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,8 +16,9 @@ from mechanisms import (
     regrouping_error,
     tilted_axis,
 )
-from regroupings import check_regroupings, tree_of_any_kind
+from regroupings import check_regroupings, tree_of_any_kind, unit_condition
 from scipy import linalg
+from test_against_opensymoro import DATA, tree_of
 
 from experiments.data import paper
 from ident.errors import InputError
@@ -181,6 +183,13 @@ def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
     check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
 
 
+def test_coefficients_along_the_tree_are_zero_where_they_are_rounding_errors(monkeypatch):
+    """As of robots whose axes are at right angles to rounding."""
+    for path in DATA:
+        golden = json.loads(path.read_text(encoding="utf-8"))
+        check_equal(*both_ways(monkeypatch, tree_of(golden), np.array(golden["gravity"]), Sensors()))
+
+
 def plainly_exchanged(order, made, largest):
     """Kept columns and those passed over, by exchanges in the coefficients of all columns (r, P)."""
     kept, passed = order.copy(), []
@@ -218,12 +227,6 @@ needs_animals = pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not
 
 @needs_animals
 @pytest.mark.extras
-def test_kept_columns_span_the_regressor_of_40_random_trees():
-    check_regroupings(40)
-
-
-@needs_animals
-@pytest.mark.extras
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
 def test_kept_columns_span_the_regressor(animal):
     model = compiled(Path(DM_CONTROL.submodule_search_locations[0], "locomotion/walkers/assets", animal))
@@ -232,7 +235,6 @@ def test_kept_columns_span_the_regressor(animal):
     base = find_base_parameters(tree, gravity=gravity)
     Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 300), gravity=gravity)
     assert regrouping_error(base, Y) <= 1e-10
-    kept = base.reduce(Y).reshape(-1, base.rank)
-    assert np.linalg.cond(kept / np.linalg.norm(kept, axis=0)) <= 1e7
+    assert unit_condition(base, Y) <= 1e7
     assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1]
     assert base.passed_over

@@ -1,5 +1,7 @@
 """Priors on bodies, stated and from tables of people: against random bodies, and by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -8,7 +10,7 @@ import scenes
 import sim
 from ident.errors import InputError
 from ident.geometry import se3
-from ident.geometry.inertia import com_from_parameters, parameters_from_com
+from ident.geometry.inertia import com_from_parameters, parameter_transform, parameters_from_com
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -168,6 +170,16 @@ def test_what_cannot_be_known_is_asked_for(placed, message):
 def test_a_person_has_a_table_a_mass_a_height_and_a_sex(given, message):
     with pytest.raises(InputError, match=message):
         Person(*given)
+
+
+def test_a_segment_does_not_depend_on_the_axes_of_its_body():
+    arm, turn = leg(), se3.exp(np.array([0, 0, 0, 0.6, 0.64, 0.48]), 0.7)
+    back, bodies = se3.inverse(turn), list(arm.tree.bodies)
+    bodies = [replace(each, home=back @ each.home) if each.parent == 1 else each for each in bodies]
+    bodies[1] = replace(bodies[1], home=bodies[1].home @ turn, twist=se3.Ad(back) @ bodies[1].twist)
+    person, placed = Person("dumas", 80, 1.8, "male"), {"thigh_r": Placed("thigh")}
+    usual, turned = (with_person(x, person, placed).prior for x in (arm, replace(arm, tree=Tree(tuple(bodies)))))
+    np.testing.assert_allclose(turned[10:20], parameter_transform(back) @ usual[10:20], atol=1e-12)
 
 
 def test_what_is_known_of_base_parameters_has_these_widths():

@@ -1,6 +1,5 @@
 """The structural rank and regrouping against the numeric ones, OpenSYMORO's, and known formulas."""
 
-import json
 from dataclasses import replace
 from fractions import Fraction
 
@@ -16,7 +15,6 @@ from mechanisms import (
     regrouping_error,
     tilted_axis,
 )
-from test_against_opensymoro import DATA, tree_of
 
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.motion import BaseMotion
@@ -50,17 +48,6 @@ def test_structure_equals_the_regressor_at_random_states(seed):
         assert numeric.rank == exact.rank
         np.testing.assert_allclose(exact.beta, numeric.beta, rtol=0, atol=1e-9 * max(1, abs(exact.beta).max()))
         assert exact.gap[0] > 1e-6 > 1e-12 > exact.gap[1]
-
-
-@pytest.mark.parametrize("path", DATA, ids=lambda path: path.stem)
-@pytest.mark.parametrize(("key", "sensors"), [("base_wrench", BASE_WRENCH), ("joint_torque", TORQUES)])
-def test_structure_equals_opensymoros_regrouping(path, key, sensors):
-    golden = json.loads(path.read_text(encoding="utf-8"))
-    expected = golden[f"grouping_{key}"]
-    tree = tree_of(golden)
-    base = find_base_parameters(tree, golden["parameters"], gravity=np.array(golden["gravity"]), sensors=sensors)
-    assert base.rank == expected["rank"]
-    assert list(base.names) == expected["kept"]
 
 
 def test_ranks_of_axes_that_are_not_parallel():
