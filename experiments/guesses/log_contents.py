@@ -17,7 +17,7 @@ from ident.files.selection import counted, taken
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.entries import clocks
 from ident.recordings.columns.mapping import ColumnMapping
-from ident.recordings.plausibility import with_continuous_angles
+from ident.recordings.plausibility import rate_factor, with_continuous_angles
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.several_clocks import TIME, files_of, name_of, read_files, streams_of
 from ident.recordings.times import LEAST_SAMPLES
@@ -36,6 +36,15 @@ TRIAL = ".trc"
 
 FEW = 3
 """Smallest number of markers that show the pose of a body."""
+
+ROUND = 2 * np.pi + 0.5
+"""Largest angle of a joint that is plausible in radians."""
+
+LONG = 20.0
+"""Largest travel of a slide that is plausible in metres."""
+
+SAME_UNIT = 1.25
+"""Ratio of a rate to the derivative, and its inverse, up to which they are in one unit."""
 
 
 class ClockColumn(NamedTuple):
@@ -159,6 +168,15 @@ class LogContents:
         zero = np.zeros(len(self.time))
         return np.stack([self.columns.get(name, zero + self.constant.get(name, 0.0)) for name in names], axis=1)
 
+    def rate_factor(self, x: np.ndarray, rate: str) -> float:
+        """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
+        return rate_factor(self.time, x, self.columns[rate])
+
+    def is_rate(self, position: str, rate: str) -> bool:
+        """True where a column may be the derivative of another, in any unit and of either sign."""
+        size = self.rate_factor(self.columns[position], rate)
+        return any(is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180))
+
     def summary(self) -> list[str]:
         """Lines on the file and each of its columns."""
         size = max((len(name) for name in self.columns), default=0)
@@ -193,6 +211,11 @@ class LogContents:
         columns = {name: x for name, x in self.columns.items() if name not in gone}
         constant = {name: x for name, x in self.constant.items() if name not in gone}
         return replace(self, columns=columns, constant=constant, markers=tuple(markers))
+
+
+def is_one(ratio: float) -> bool:
+    """True where the ratio of a rate to the derivative is that of one unit, of either sign."""
+    return 1 / SAME_UNIT < abs(ratio) < SAME_UNIT
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:

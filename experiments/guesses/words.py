@@ -1,7 +1,7 @@
 """Words of names: kinds, units, sides and numbers, the likeness of two names, and families that differ by a number."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
@@ -193,13 +193,12 @@ def shares_numbers_alone(column: Words, joint: Words) -> bool:
     return bool(common) and all(word.isdigit() for word in common)
 
 
-def without_prefix(names: Sequence[Words]) -> list[Words]:
-    """The same words without a common prefix, such as the robot's name."""
-    cores = [each.core for each in names]
-    length = 0
+def without_prefix(about: Mapping[str, Words]) -> dict[str, Words]:
+    """The words of some names without a common prefix, such as the robot's name."""
+    cores, length = [each.core for each in about.values()], 0
     while len(cores) > 1 and all(len(core) > length + 1 and core[length] == cores[0][length] for core in cores):
         length += 1
-    return [replace(each, core=each.core[length:]) for each in names]
+    return {name: replace(each, core=each.core[length:]) for name, each in about.items()}
 
 
 def unit_of(quantity: str, stated: str) -> str:
