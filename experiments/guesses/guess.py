@@ -11,7 +11,7 @@ from experiments.guesses.checks import check_positions, check_wrenches_and_torqu
 from experiments.guesses.log_contents import LONG, ROUND, check_same_columns, is_one, log_contents
 from experiments.guesses.model import ComparedModel
 from experiments.guesses.orders import add_any, add_predicted, add_series
-from experiments.guesses.scores import NAMES, NUMBERS, add_assigned, add_commands, add_poses
+from experiments.guesses.scores import add_assigned, add_commands, add_poses, by_name, by_number
 from experiments.guesses.wrench_checks import ask_place, place_wrenches
 from experiments.guesses.wrenches import add_wrenches
 from ident.errors import InputError
@@ -45,9 +45,9 @@ def believed(
     belief = Belief(log, mechanism)
     add_poses(belief, base)
     add_wrenches(belief)
-    add_assigned(belief, NAMES)
+    add_assigned(belief, by_name)
     add_series(belief)
-    add_assigned(belief, NUMBERS)
+    add_assigned(belief, by_number)
     add_any(belief)
     set_units(belief)
     add_predicted(belief)

@@ -302,7 +302,9 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         own = table.column(clock.names[0])
         # If times repeat or go back, the first ones are kept.
         table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        table = with_continuous_angles(table, dict.fromkeys({*table.cells} - {*clock.names}, WHOLE_TURNS), notes)
+        table = with_continuous_angles(
+            table, {name: WHOLE_TURNS for name in table.cells if name not in clock.names}, notes
+        )
         numbers, errors = _numbers(table)
         channels = {name: x[:, None] for name, x in numbers.items() if name not in clock.names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
@@ -315,16 +317,16 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
     if len(time) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
+    has_gaps = False
     for name, stream in streams.items():
         missing, steps, x = np.isnan(stream.values).mean(), np.diff(stream.time), interpolated(stream, time)[:, 0]
         notes += [f"Column '{name}' lacks {100 * missing:.2g} % of its samples."] if missing else []
-        gaps = bool(log.clocks) and (missing > 0 or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
-        log = replace(log, has_gaps=log.has_gaps or bool(gaps))
+        has_gaps = has_gaps or bool(missing or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
         if np.ptp(x) > 0:
             log.columns[name] = x
         else:
             log.constant[name] = float(x[0])
-    return replace(log, time=time, notes=tuple(notes))
+    return replace(log, time=time, notes=tuple(notes), has_gaps=has_gaps and bool(log.clocks))
 
 
 def check_same_columns(

@@ -49,12 +49,6 @@ class Order:
     left: float = 1.0
     is_judged: bool = False
 
-    @property
-    def has_numbers_of_joints(self) -> bool:
-        """True where the columns have the joints' own numbers."""
-        numbers = {joint: k for each in families(self.positions) for k, joint in each.by_number.items()}
-        return all(self.family.by_number.get(numbers.get(j, -1)) == name for j, name in self.positions.items())
-
     def is_like(self, other: "Order", columns: Mapping[str, np.ndarray]) -> bool:
         """True where another order is equal, or differs only in columns (N,) with nearly the same values."""
         if self.positions.keys() != other.positions.keys():
@@ -208,7 +202,7 @@ class OrderSearch:
 
     def _add(self, order: Order, why: str) -> None:
         """Adds the quantities of an order to the belief."""
-        if order.label != LABELS and not order.has_numbers_of_joints:
+        if order.label != LABELS:
             self.belief.by_place |= set(order.positions)
         quantities = {"position": order.positions, "torque": order.torques, "velocity": self._rates(order)}
         for kind, columns in quantities.items():

@@ -81,22 +81,14 @@ def decisions(scores: Scores) -> Iterator[Decision]:
         yield Decision(column, joint, score, rivals * (is_open and has_rivals), owners * (is_open and not has_rivals))
 
 
-class Evidence(NamedTuple):
-    """Evidence on the columns of joints' quantities.
-
-    Attributes:
-        kinds: The quantities.
-        scores: Scores of columns that are not assigned yet for joints without a quantity of a kind.
-    """
-
-    kinds: Iterable[str]
-    scores: Callable[[Belief, str], Scores]
+Evidence = Callable[[Belief, str], Scores]
+"""Scores of columns that are not assigned yet, for joints without a quantity of some kind."""
 
 
-def add_assigned(belief: Belief, evidence: Evidence) -> None:
+def add_assigned(belief: Belief, evidence: Evidence, kinds: Iterable[str] = KINDS) -> None:
     """Adds the columns with the largest sum of scores; asks where another assignment is as good."""
-    for kind in evidence.kinds:
-        for column, joint, score, columns, joints in decisions(evidence.scores(belief, kind)):
+    for kind in kinds:
+        for column, joint, score, columns, joints in decisions(evidence(belief, kind)):
             if columns or joints:
                 may_be = f"The {kind} of '{joint}' may be in {' or in '.join(columns)}."
                 may_be = may_be if columns else f"Column '{column}' may be the {kind} of {' or of '.join(joints)}."
@@ -107,7 +99,7 @@ def add_assigned(belief: Belief, evidence: Evidence) -> None:
                 belief.add(joint, kind, column, *named(score))
 
 
-def _by_name(belief: Belief, kind: str) -> Scores:
+def by_name(belief: Belief, kind: str) -> Scores:
     """Likeness of names to those of joints; numbers alone are no likeness, as they may start at zero or one.
 
     A column that never changes needs the joint's exact name.
@@ -122,7 +114,7 @@ def _by_name(belief: Belief, kind: str) -> Scores:
     return scores
 
 
-def _by_number(belief: Belief, kind: str) -> Scores:
+def by_number(belief: Belief, kind: str) -> Scores:
     """Likeness of columns outside series that have the number of a joint and its position; or the only ones there are.
 
     Series are compared with the model before.
@@ -141,7 +133,7 @@ def _by_number(belief: Belief, kind: str) -> Scores:
     return scores
 
 
-def _by_following(belief: Belief, kind: str) -> Scores:
+def _by_following(belief: Belief, _: str) -> Scores:
     """Scores of commanded positions of joints without a torque: by name or number like the position that follows."""
     log, own, scores = belief.log, _of_joints(belief.axes), Scores()
     free = {name: words(name) for name in belief.free if name in log.columns}
@@ -159,14 +151,6 @@ def _by_following(belief: Belief, kind: str) -> Scores:
             if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
                 scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))
     return scores
-
-
-NAMES, NUMBERS, FOLLOWING = (
-    Evidence(KINDS, _by_name),
-    Evidence(KINDS, _by_number),
-    Evidence(("command",), _by_following),
-)
-"""Evidence by names, by numbers in names once series are assigned, and by the positions that follow commanded ones."""
 
 
 def _open(belief: Belief, kind: str, beside: set[str]) -> Iterator[tuple[str, Words, str, Words]]:
@@ -226,7 +210,7 @@ def is_named_after(name: str, joints: Mapping[str, str]) -> bool:
 
 def add_commands(belief: Belief) -> None:
     """Adds commanded positions, in the units of their names or of the positions that follow them."""
-    add_assigned(belief, FOLLOWING)
+    add_assigned(belief, _by_following, ("command",))
     log, positions = belief.log, belief.of("position")
     for joint, x in belief.of("command").items():
         stated = (unit_of(f"{kind} position", x.about.unit) for kind in ("hinge", "slide"))

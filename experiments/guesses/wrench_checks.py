@@ -13,6 +13,7 @@ from ident.errors import ExcitationError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
+from ident.files.column import UNITS
 from ident.judgement.checks import wrench_checks
 from ident.payload.beyond_sensor import TURNED, weighed
 from ident.recordings.wrench import GROUND
@@ -36,11 +37,8 @@ HALF_WAY = np.sqrt(1000)
 PARTS = {"force": slice(0, 3), "torque": slice(3, 6)}
 """Components of forces and of moments."""
 
-OF_SIZE = {
-    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
-    "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
-}
-"""Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""
+UNIT_KEYS = {"force": "unit", "torque": "torque_unit"}
+"""Keys of the units of forces and of moments."""
 
 
 def place_wrenches(model: ComparedModel) -> None:
@@ -60,12 +58,14 @@ def place_wrenches(model: ComparedModel) -> None:
         x, part = model.level(group.entries[key].value), PARTS[key]
         left = {body: unexplained(x, list(there.T[part])) for body, there in inside.items()}
         best, at_base = min(left, key=left.__getitem__, default=""), unexplained(x, list(ground.T[part]))
+        ratio = size_ratio(x, ground[:, part])
+        is_of_size = any(1 / SIZE < ratio * factor < SIZE for factor in UNITS[key].values())
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
             sizes = {body: size_ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
             _carry(group, model, left, sizes)
-        elif 1 - at_base < (ENOUGH if _is_of_size(size_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
+        elif 1 - at_base < (ENOUGH if is_of_size else ENOUGH_OF_WRENCHES):
             shares = f"{explained(at_base)} of it as the ground's, and {explained(left.get(best, 1.0))}"
             ask_place(belief, group, f"The model explains {shares} as that of what '{best}' carries.")
         if group.is_inner:
@@ -84,11 +84,6 @@ def ask_place(belief: Belief, group: ColumnGroup, why: str) -> None:
     group.entries["body"] = TableEntry("?", "the body beyond the sensor", DOUBTFUL)
     belief.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
     _rename(belief, group)
-
-
-def _is_of_size(ratio: float) -> bool:
-    """True where columns are about as large as the prediction, in some unit."""
-    return any(1 / SIZE < ratio * unit < SIZE for unit in (1e-3, 1.0, 1e3))
 
 
 def _varying(x: np.ndarray) -> np.ndarray:
@@ -161,8 +156,8 @@ def _set_unit(belief: Belief, groups: Iterable[ColumnGroup], kind: str, ratio: f
         kind: `force` or `torque`.
         ratio: Size of the columns over what the model predicts in SI units.
     """
-    key, choices = OF_SIZE[kind]
-    sizes = {unit: ratio / choice for unit, choice in choices.items()}
+    key, choices = UNIT_KEYS[kind], UNITS[kind]
+    sizes = {unit: ratio * choice for unit, choice in choices.items()}
     unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
     if not 1 / HALF_WAY < sizes[unit] < HALF_WAY:
         belief.notes.append(

@@ -62,7 +62,6 @@ def _by_names(belief: Belief) -> Iterable[tuple[str, Parts]]:
     kinds = {joint: belief.kinds[joint] for joint in belief.axes}
     usual = exact_names(belief.kinds)
     names = [name for name in belief.free if name not in usual and not is_named_after(name, kinds)]
-    names = [name for name in names if words(name).kind not in ("velocity", "acceleration")]
     arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
     # Letters of a unit would be mistaken for a component.
     bare = {re.sub(r"\s*[\[(][^\])\d]*[\])]\s*$|[\W_]+(m?k?Nm?m?)$", "", name): name for name in names}
