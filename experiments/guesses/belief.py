@@ -30,7 +30,6 @@ BASE = "base"
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
 """Lines of a group whose values are columns, perhaps with gains, or numbers in their place."""
 
-
 ORDER = (
     *("held", "frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
     *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),

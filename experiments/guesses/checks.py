@@ -35,10 +35,7 @@ def check_positions(model: ComparedModel) -> None:
     Likely columns that explain next to nothing become doubtful. An open sign is indistinguishable from turned axes of a
     wrench.
     """
-    here = model.left()
-    if here is None:
-        return
-    left = _turn(model, _other_unit(model, here))
+    left = _turn(model, _other_unit(model, model.left()))
     if not model.belief.sign_undecided and 1 - left < ENOUGH:
         _doubt(model.belief, left)
 
@@ -51,7 +48,7 @@ def _other_unit(model: ComparedModel, here: Left) -> Left:
     # A program has one unit for all angles.
     unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
-    there = model.left({x.joint: scale for x in joints}) or here
+    there = model.left({x.joint: scale for x in joints})
     if there.somehow <= min(BETTER * here.somehow, here.somehow - CLEARLY):
         for x in joints:
             x.unit = other
@@ -86,7 +83,7 @@ def _turn(model: ComparedModel, here: Left) -> float:
     """
     positions = {j: x for j, x in model.belief.of("position").items() if x.column in model.states}
     while here.somehow > EXPLAINED:
-        ways = {joint: way for joint in positions if (way := model.left({joint: -1.0})) is not None}
+        ways = {joint: model.left({joint: -1.0}) for joint in positions}
         good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
         if not good:
             break

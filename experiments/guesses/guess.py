@@ -8,12 +8,12 @@ import numpy as np
 
 from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, Quantity, TableEntry
 from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
+from experiments.guesses.groups import add_poses, add_wrenches
 from experiments.guesses.log_contents import LONG, ROUND, check_same_columns, is_one, log_contents
 from experiments.guesses.model import ComparedModel
-from experiments.guesses.orders import add_any, add_predicted, add_series
-from experiments.guesses.scores import add_assigned, add_commands, add_poses, by_name, by_number
+from experiments.guesses.orders import add_any, add_series
+from experiments.guesses.scores import add_assigned, add_commands, add_predicted, by_name, by_number
 from experiments.guesses.wrench_checks import ask_place, place_wrenches
-from experiments.guesses.wrenches import add_wrenches
 from ident.errors import InputError
 from ident.files.column import UNITS
 from ident.files.limits import LIMIT

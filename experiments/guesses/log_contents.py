@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -117,8 +118,7 @@ class LogContents:
         layouts: Layout of each file's text.
         clocks: Column of times of each file; empty for a single file that stores the times of its columns.
         time: Common times of the columns, uniform, s (N,).
-        columns: Columns of numbers that change, at these times (N,).
-        constant: Values of columns that never change.
+        samples: Columns of numbers at these times (N,).
         unread: Errors of columns without numbers, by name.
         units: Units stated by the file, by column.
         has_gaps: True if cells or rows are missing, in files with one clock.
@@ -131,8 +131,7 @@ class LogContents:
     layouts: tuple[Layout, ...] = (Layout(),)
     clocks: tuple[ClockColumn, ...] = ()
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
-    columns: dict[str, np.ndarray] = field(default_factory=dict)
-    constant: dict[str, float] = field(default_factory=dict)
+    samples: dict[str, np.ndarray] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     has_gaps: bool = False
@@ -144,6 +143,16 @@ class LogContents:
     def rate(self) -> float:
         """Samples per second, Hz."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Columns that change (N,)."""
+        return {name: x for name, x in self.samples.items() if np.ptp(x) > 0}
+
+    @cached_property
+    def constant(self) -> dict[str, float]:
+        """Values of columns that never change."""
+        return {name: float(x[0]) for name, x in self.samples.items() if name not in self.columns}
 
     @property
     def names(self) -> list[str]:
@@ -157,7 +166,7 @@ class LogContents:
 
     def largest(self, name: str) -> float:
         """Largest size of a column."""
-        return float(np.abs(self.columns[name]).max()) if name in self.columns else abs(self.constant.get(name, 0.0))
+        return float(np.abs(self.samples.get(name, 0.0)).max())
 
     def states_unit(self, names: Collection[str]) -> bool:
         """True if the file states the unit of one of some columns."""
@@ -165,8 +174,7 @@ class LogContents:
 
     def table(self, names: Sequence[str]) -> np.ndarray:
         """Columns side by side, zeros for those that are not in the log (N, k)."""
-        zero = np.zeros(len(self.time))
-        return np.stack([self.columns.get(name, zero + self.constant.get(name, 0.0)) for name in names], axis=1)
+        return np.stack([self.samples.get(name, np.zeros(len(self.time))) for name in names], axis=1)
 
     def rate_factor(self, x: np.ndarray, rate: str) -> float:
         """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
@@ -187,8 +195,7 @@ class LogContents:
         ]
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         lines += self.notes
-        for name, x in self.columns.items():
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}")
+        lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in self.columns.items()]
         if self.markers:
             lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
@@ -208,9 +215,8 @@ class LogContents:
         if len(markers) < FEW:
             return self
         gone = {name for names in markers.values() for name in names}
-        columns = {name: x for name, x in self.columns.items() if name not in gone}
-        constant = {name: x for name, x in self.constant.items() if name not in gone}
-        return replace(self, columns=columns, constant=constant, markers=tuple(markers))
+        samples = {name: x for name, x in self.samples.items() if name not in gone}
+        return replace(self, samples=samples, markers=tuple(markers))
 
 
 def is_one(ratio: float) -> bool:
@@ -319,13 +325,10 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
     has_gaps = False
     for name, stream in streams.items():
-        missing, steps, x = np.isnan(stream.values).mean(), np.diff(stream.time), interpolated(stream, time)[:, 0]
+        missing, steps = np.isnan(stream.values).mean(), np.diff(stream.time)
+        log.samples[name] = interpolated(stream, time)[:, 0]
         notes += [f"Column '{name}' lacks {100 * missing:.2g} % of its samples."] if missing else []
         has_gaps = has_gaps or bool(missing or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
-        if np.ptp(x) > 0:
-            log.columns[name] = x
-        else:
-            log.constant[name] = float(x[0])
     return replace(log, time=time, notes=tuple(notes), has_gaps=has_gaps and bool(log.clocks))
 
 

@@ -117,11 +117,11 @@ class ComparedModel:
             channels |= predicted_channels(closed, motion, np.eye(4), torques=True)
         return channels
 
-    def left(self, factors: Mapping[str, float] | None = None) -> Left | None:
-        """Mean of the unexplained shares, with factors on some positions; None without any wrench and torque."""
+    def left(self, factors: Mapping[str, float] | None = None) -> Left:
+        """Mean of the unexplained shares, with factors on some positions; zero without any wrench and torque."""
         states = {joint: x * (factors or {}).get(joint, 1.0) for joint, x in self.states_of({}).items()}
         shares = self.shares(states, self.predicted(states))
-        return Left(*np.mean(shares, axis=0).tolist()) if shares else None
+        return Left(*np.mean(shares or [Left(0.0, 0.0)], axis=0).tolist())
 
     def shares(self, states: States, predicted: Mapping[str, np.ndarray]) -> list[Left]:
         """Unexplained shares of the forces, the moments and each joint torque that the belief has."""

@@ -7,14 +7,13 @@ from math import perm
 
 import numpy as np
 
-from experiments.guesses.belief import Belief, ColumnGroup, TableEntry
+from experiments.guesses.belief import Belief
 from experiments.guesses.log_contents import ROUND
-from experiments.guesses.model import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, ComparedModel, explained
-from experiments.guesses.scores import assigned
+from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, ComparedModel, explained
+from experiments.guesses.scores import assigned, by_derivative, candidates
 from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
-from ident.recordings.wrench import GROUND
 
 SAME = 0.999
 """Correlation of columns above which they may be two readings of one joint."""
@@ -39,7 +38,6 @@ class Order:
         family: Columns that may be positions; without members if they have no names.
         torques: Column of the torque of each joint; empty if torques are known or absent.
         left: Share of the measurements that the model leaves unexplained, 1 without measurements.
-        is_judged: True if there are measurements.
     """
 
     label: str
@@ -47,7 +45,6 @@ class Order:
     family: Family = UNNAMED
     torques: Mapping[str, str] = field(default_factory=dict)
     left: float = 1.0
-    is_judged: bool = False
 
     def is_like(self, other: "Order", columns: Mapping[str, np.ndarray]) -> bool:
         """True where another order is equal, or differs only in columns (N,) with nearly the same values."""
@@ -79,13 +76,7 @@ class OrderSearch:
     def of_series(self, several: Sequence[Family], kinds: Sequence[str]) -> list[Order]:
         """Orders of the columns of families as positions, with possible torques of some kinds, and what they leave."""
         orders = (order for family in several for order in self._orders(family))
-        return [own for each in orders for own in self._judged(each, self._torques(each, kinds), self.belief.free)]
-
-    def of_any(self, names: Sequence[str], others: Sequence[str]) -> list[Order]:
-        """All assignments of columns, each with the share of the measurements, or of all others, that it leaves."""
-        chosen = permutations(names, len(self.joints))
-        orders = (Order(ANY, dict(zip(self.joints, each, strict=True))) for each in chosen)
-        return [own for order in orders for own in self._judged(order, [{}], others)]
+        return [own for each in orders for own in self.judged(each, self._torques(each, kinds), self.belief.free)]
 
     def _orders(self, family: Family) -> Iterator[Order]:
         """Orders of as many consecutive columns of a family as there are joints, or of joints as there are columns."""
@@ -118,7 +109,7 @@ class OrderSearch:
                 return [dict(zip(order.positions, names, strict=True)) for names in options]
         return [{}]
 
-    def _judged(self, order: Order, options: Sequence[dict[str, str]], others: Sequence[str]) -> Iterator[Order]:
+    def judged(self, order: Order, options: Sequence[dict[str, str]], others: Sequence[str]) -> Iterator[Order]:
         """The same order with each family of torques, or with other columns as measured, and its unexplained share."""
         model, belief, is_any = self.model, self.belief, order.label == ANY
         free = [name for name in others if name in model.levels and name not in order.positions.values()]
@@ -130,13 +121,13 @@ class OrderSearch:
             for torques in options:
                 every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
                 left = float(np.mean(every)) if every else 1.0
-                judged.append(replace(order, torques=torques, left=left, is_judged=bool(every)))
+                judged.append(replace(order, torques=torques, left=left))
             if not (known or order.family.kind or belief.groups) and (is_any or (belief.held and len(free) > 5)):
                 # Others may be the ground's wrench, or without any series whatever the model predicts.
                 like, channels = model.likeness(free, predicted)
                 like = like if is_any else like[:, [channel in COMPONENTS for channel in channels]]
                 best = like.max(axis=int(is_any), initial=0)
-                judged.append(replace(order, left=1 - float(best.mean()) if best.size else 1.0, is_judged=True))
+                judged.append(replace(order, left=1 - float(best.mean()) if best.size else 1.0))
             # Among columns without names, the best-fitting ones were measured.
             yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
 
@@ -204,19 +195,14 @@ class OrderSearch:
         """Adds the quantities of an order to the belief."""
         if order.label != LABELS:
             self.belief.by_place |= set(order.positions)
-        quantities = {"position": order.positions, "torque": order.torques, "velocity": self._rates(order)}
+        rates = assigned(
+            by_derivative(self.belief, order.positions, {*order.positions.values(), *order.torques.values()})
+        )
+        velocities = {joint: column for column, joint in rates} if len(rates) == len(order.positions) else {}
+        quantities = {"position": order.positions, "torque": order.torques, "velocity": velocities}
         for kind, columns in quantities.items():
             for joint, column in columns.items():
                 self.belief.add(joint, kind, column, why if kind == "position" else "in the place of the position")
-
-    def _rates(self, order: Order) -> dict[str, str]:
-        """Columns that are derivatives of all positions, those named like velocities first."""
-        log, taken = self.belief.log, {*order.positions.values(), *order.torques.values()}
-        free = {name: words(name) for name in self.belief.free if name in log.columns and name not in taken}
-        rates = {n: 1.0 + (x.kind != "") for n, x in free.items() if x.measured and x.kind in ("velocity", "")}
-        pairs = {(n, j): rates[n] * log.is_rate(q, n) for n in rates for j, q in order.positions.items()}
-        out = {joint: name for name, joint in assigned(pairs)}
-        return out if out.keys() == order.positions.keys() else {}
 
 
 def add_series(belief: Belief) -> None:
@@ -233,11 +219,11 @@ def add_series(belief: Belief) -> None:
         return
     search = OrderSearch(ComparedModel.of(belief, [name for each in own for name in each.names]), lacking, there)
     every = search.of_series(own, ("torque", "current") if own[0].kind else ("torque", "current", ""))
-    if measured := [order for order in every if order.is_judged]:
+    if measured := [order for order in every if order.left < 1]:
         search.add_best(measured)
         return
     # Nothing is named like torques: other series may be some.
-    unnamed = [order for order in search.of_series(own, ("",)) if order.is_judged]
+    unnamed = [order for order in search.of_series(own, ("",)) if order.left < 1]
     if every and not (unnamed and search.add_best(unnamed, ask=False)):
         search.add_unmeasured(every)
 
@@ -247,67 +233,16 @@ def add_any(belief: Belief) -> None:
     positions, log = belief.of("position"), belief.log
     lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
     still = any(x.column not in log.columns for x in positions.values())
-    names, others = _candidates(belief, len(lacking))
+    names, others = candidates(belief, len(lacking))
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
     if perm(len(names), len(lacking)) <= MOST:
         search = OrderSearch(ComparedModel.of(belief, names), lacking)
-        search.add_best(search.of_any(names, others))
+        orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
+        search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
         belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
-
-
-def add_predicted(belief: Belief) -> None:
-    """Adds the ground's wrench, or else torques, if none is known: columns that the model's predictions explain."""
-    joints, (_, names) = belief.mechanism.joints, _candidates(belief)
-    moving = all(belief.values(joint, "position") is not None for joint in joints)
-    known = belief.torques_undecided or belief.undecided or belief.groups or belief.of("torque")
-    if known or not moving or not names or not joints or not belief.can_predict:
-        return
-    model = ComparedModel.of(belief)
-    like, channels = model.likeness(names, model.predicted(model.states_of({})))
-
-    def matched(wanted: Sequence[str]) -> dict[str, tuple[str, float]]:
-        """Columns by channel with the largest sum of squared correlations, each with its own."""
-        every = {(n, c): float(like[i, k]) for i, n in enumerate(names) for k, c in enumerate(channels) if c in wanted}
-        return {channel: (name, score) for (name, channel), score in assigned(every).items() if score > AGREES}
-
-    wrench = matched(COMPONENTS) if belief.held else {}
-    if len(wrench.keys() & set(COMPONENTS[:3])) > 1:
-        columns = {component: column for component, (column, _) in wrench.items()}
-        least = explained(1 - min(share for _, share in wrench.values()))
-        group = belief.groups[GROUND] = ColumnGroup(GROUND, {})
-        for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:])):
-            _fill(columns, part, belief)
-            why = f"the model explains {least} of its variance or more"
-            group.entries[key] = TableEntry([columns.get(c, "") for c in part], why)
-        return
-    torques = matched(joints)
-    for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():
-        belief.add(joint, "torque", column, f"the model explains {explained(1 - share)} of its variance")
-
-
-def _fill(columns: dict[str, str], part: Sequence[str], belief: Belief) -> None:
-    """Adds the third component if two are in order in the file."""
-    names = belief.log.names
-    starts = [names.index(columns[c]) - k for k, c in enumerate(part) if c in columns]
-    if len(starts) == 2 and starts[0] == starts[1]:
-        for component, name in zip(part, names[starts[0] : starts[0] + 3], strict=False):
-            if component not in columns and name not in (*columns.values(), *belief.columns):
-                columns[component] = name
-                place = "by its place alone: the model predicts none"
-                belief.notes.append(f"Column '{name}' is taken for {component} {place}.")
-
-
-def _candidates(belief: Belief, number: int = 0) -> tuple[list[str], list[str]]:
-    """Columns that may be positions of some number of joints, and all that are no derivatives of others."""
-    free = [name for name in belief.free if name in belief.log.columns and words(name).measured]
-    rates = {b: a for a in free for b in free if a != b and belief.log.is_rate(a, b)}
-    others = [name for name in free if name not in rates]
-    # A column with a derivative is a position; without any such pair all columns may be.
-    roots = [name for name in others if name in rates.values()] or free
-    return (roots if len(roots) >= number else others), others
 
 
 def _listed(names: Iterable[str]) -> str:

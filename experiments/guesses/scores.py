@@ -1,14 +1,13 @@
 """Scores of columns for quantities of joints by several kinds of evidence, and the assignment with the largest sum."""
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry, named
-from experiments.guesses.log_contents import LONG
+from experiments.guesses.belief import DOUBTFUL, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.model import AGREES, ComparedModel, explained
 from experiments.guesses.words import (
     LIKE,
     NEAR,
@@ -18,11 +17,11 @@ from experiments.guesses.words import (
     shares_numbers_alone,
     unit_of,
     without_prefix,
-    without_unit,
     words,
 )
-from ident.estimation.recorded_motion import UNIT
+from ident.estimation.equations import COMPONENTS
 from ident.files.column import COMMAND, KINDS
+from ident.recordings.wrench import GROUND
 
 Scores = dict[tuple[str, str], float]
 """Scores of pairs of a column and a joint, or of a column and a channel that the model predicts."""
@@ -110,7 +109,8 @@ def by_name(belief: Belief, kind: str) -> Scores:
             scores[name, joint] = EXACT
         elif not shares_numbers_alone(about, own):
             like = likeness(about, own) * _fits(about, kind)
-            scores |= {(name, joint): like} if name in belief.log.columns or like >= 0.99 else {}
+            if name in belief.log.columns or like >= 0.99:
+                scores[name, joint] = like
     return scores
 
 
@@ -150,6 +150,17 @@ def _by_following(belief: Belief, _: str) -> Scores:
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
             if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
                 scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))
+    return scores
+
+
+def by_derivative(belief: Belief, positions: Mapping[str, str], taken: Collection[str]) -> Scores:
+    """Scores of free columns, except some, that may be derivatives of positions; two where a name says velocity."""
+    log, scores = belief.log, Scores()
+    for name in (name for name in belief.free if name in log.columns and name not in taken):
+        about = words(name)
+        if about.measured and about.kind in ("velocity", ""):
+            for joint, position in positions.items():
+                scores[name, joint] = log.is_rate(position, name) * (1.0 + (about.kind != ""))
     return scores
 
 
@@ -223,59 +234,53 @@ def add_commands(belief: Belief) -> None:
             x.why.append("a wrench is measured, so that the servo need not be trusted")
 
 
-BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
-"""Names of bodies that move freely."""
+def add_predicted(belief: Belief) -> None:
+    """Adds the ground's wrench, or else torques, if none is known: columns that the model's predictions explain."""
+    joints, (_, names) = belief.mechanism.joints, candidates(belief)
+    moving = all(belief.values(joint, "position") is not None for joint in joints)
+    known = belief.torques_undecided or belief.undecided or belief.groups or belief.of("torque")
+    if known or not moving or not names or not joints or not belief.can_predict:
+        return
+    model = ComparedModel.of(belief)
+    like, channels = model.likeness(names, model.predicted(model.states_of({})))
 
-TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
+    def matched(wanted: Sequence[str]) -> dict[str, tuple[str, float]]:
+        """Columns by channel with the largest sum of squared correlations, each with its own."""
+        every = {(n, c): float(like[i, k]) for i, n in enumerate(names) for k, c in enumerate(channels) if c in wanted}
+        return {channel: (name, score) for (name, channel), score in assigned(every).items() if score > AGREES}
 
-MOVES = r"(?:position|pos|translation|trans|p|t)?"
-"""Words between the name of a group of columns and its component."""
-
-
-def add_poses(belief: Belief, base: str | None) -> None:
-    """Adds columns of ball joints, and of a moving base.
-
-    Args:
-        belief: The belief to extend.
-        base: Name of the body whose frame is {0}; None if the base does not move.
-    """
-    groups = _grouped(belief, TURNS, "wxyz")
-    norms = {rest: np.linalg.norm(belief.log.table(names), axis=1) for rest, names in groups.items()}
-    groups = {rest: names for rest, names in groups.items() if (np.abs(norms[rest] - 1) < UNIT).all()}
-    balls = [joint for joint in belief.kinds if joint not in belief.axes]
-    for own in decisions({(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}):
-        if own.columns:
-            belief.ask(f"The orientation of '{own.joint}' may be in {' or in '.join(own.columns)}.")
-            continue
-        why, sure = named(own.score)
-        entry = TableEntry(groups.pop(own.column), f"{why}, with a norm of one", sure)
-        belief.poses[f"joints.{own.joint}"] = ColumnGroup(own.joint, {"position": entry})
-    if base is not None and belief.held:
-        _add_base(belief, groups, base)
-
-
-def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> None:
-    """Adds the poses of the base, if one quaternion named like it has a position beside it."""
-    log, places = belief.log, _grouped(belief, MOVES, "xyz")
-    alike = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
-    bases = [rest for rest in alike if rest in places and not log.columns.keys().isdisjoint(groups[rest])]
-    if len(bases) > 1:
-        belief.ask(f"The poses of the base may be those of {' or of '.join(bases)}.")
-    for rest in bases if len(bases) == 1 else ():
-        position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
-        if not log.states_unit(position):
-            size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
-            unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
-            entries["unit"] = TableEntry(unit, why)
-        entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
-        belief.poses[BASE] = ColumnGroup(BASE, entries)
+    wrench = matched(COMPONENTS) if belief.held else {}
+    if len(wrench.keys() & set(COMPONENTS[:3])) > 1:
+        columns = {component: column for component, (column, _) in wrench.items()}
+        least = explained(1 - min(share for _, share in wrench.values()))
+        group = belief.groups[GROUND] = ColumnGroup(GROUND, {})
+        for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:])):
+            _fill(columns, part, belief)
+            why = f"the model explains {least} of its variance or more"
+            group.entries[key] = TableEntry([columns.get(c, "") for c in part], why)
+        return
+    torques = matched(joints)
+    for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():
+        belief.add(joint, "torque", column, f"the model explains {explained(1 - share)} of its variance")
 
 
-def _grouped(belief: Belief, between: str, components: str) -> dict[str, list[str]]:
-    """Columns of vectors with all components, in order, by the common part of their names."""
-    groups: dict[tuple[str, str], dict[str, str]] = {}
-    for name in belief.log.names:
-        bare = without_unit(name)[0].strip()
-        if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
-            groups.setdefault((match[1], bare[: match.start(2)]), {}).setdefault(match[2].lower(), name)
-    return {rest: [own[c] for c in components] for (rest, _), own in groups.items() if own.keys() == set(components)}
+def _fill(columns: dict[str, str], part: Sequence[str], belief: Belief) -> None:
+    """Adds the third component if two are in order in the file."""
+    names = belief.log.names
+    starts = [names.index(columns[c]) - k for k, c in enumerate(part) if c in columns]
+    if len(starts) == 2 and starts[0] == starts[1]:
+        for component, name in zip(part, names[starts[0] : starts[0] + 3], strict=False):
+            if component not in columns and name not in (*columns.values(), *belief.columns):
+                columns[component] = name
+                place = "by its place alone: the model predicts none"
+                belief.notes.append(f"Column '{name}' is taken for {component} {place}.")
+
+
+def candidates(belief: Belief, number: int = 0) -> tuple[list[str], list[str]]:
+    """Columns that may be positions of some number of joints, and all that are no derivatives of others."""
+    free = [name for name in belief.free if name in belief.log.columns and words(name).measured]
+    rates = {b: a for a in free for b in free if a != b and belief.log.is_rate(a, b)}
+    others = [name for name in free if name not in rates]
+    # A column with a derivative is a position; without any such pair all columns may be.
+    roots = [name for name in others if name in rates.values()] or free
+    return (roots if len(roots) >= number else others), others

@@ -1,14 +1,16 @@
-"""Columns of wrenches: groups by name, reference points of moments, units, axes, and bodies they may act on."""
+"""Groups of columns by their names: wrenches with the bodies that they may act on, orientations, and a base's poses."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry, named
-from experiments.guesses.scores import exact_names, is_named_after
-from experiments.guesses.words import families, most_alike, unit_of, words
+from experiments.guesses.belief import BASE, DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.log_contents import LONG
+from experiments.guesses.scores import decisions, exact_names, is_named_after
+from experiments.guesses.words import LIKE, families, likeness, most_alike, unit_of, without_unit, words
+from ident.estimation.recorded_motion import UNIT
 from ident.files.column import CURRENT
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
@@ -28,6 +30,14 @@ ABOUT_ORIGIN = 0.05
 
 FAR_POINT = 10.0
 """Median distance of a point of application above which it is in mm."""
+
+BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
+"""Names of bodies that move freely."""
+
+TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
+
+MOVES = r"(?:position|pos|translation|trans|p|t)?"
+"""Words between the name of a group of columns and its component."""
 
 Parts = dict[Component, str]
 """Columns by component."""
@@ -170,3 +180,52 @@ def _stand(belief: Belief, group: ColumnGroup) -> None:
     else:
         group.entries["on"] = TableEntry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
         belief.ask(f"It is open which body stands on '{group.name}'.")
+
+
+def add_poses(belief: Belief, base: str | None) -> None:
+    """Adds columns of ball joints, and of a moving base.
+
+    Args:
+        belief: The belief to extend.
+        base: Name of the body whose frame is {0}; None if the base does not move.
+    """
+    groups = _grouped(belief, TURNS, "wxyz")
+    norms = {rest: np.linalg.norm(belief.log.table(names), axis=1) for rest, names in groups.items()}
+    groups = {rest: names for rest, names in groups.items() if (np.abs(norms[rest] - 1) < UNIT).all()}
+    balls = [joint for joint in belief.kinds if joint not in belief.axes]
+    for own in decisions({(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}):
+        if own.columns:
+            belief.ask(f"The orientation of '{own.joint}' may be in {' or in '.join(own.columns)}.")
+            continue
+        why, sure = named(own.score)
+        entry = TableEntry(groups.pop(own.column), f"{why}, with a norm of one", sure)
+        belief.poses[f"joints.{own.joint}"] = ColumnGroup(own.joint, {"position": entry})
+    if base is not None and belief.held:
+        _add_base(belief, groups, base)
+
+
+def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> None:
+    """Adds the poses of the base, if one quaternion named like it has a position beside it."""
+    log, places = belief.log, _grouped(belief, MOVES, "xyz")
+    alike = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
+    bases = [rest for rest in alike if rest in places and not log.columns.keys().isdisjoint(groups[rest])]
+    if len(bases) > 1:
+        belief.ask(f"The poses of the base may be those of {' or of '.join(bases)}.")
+    for rest in bases if len(bases) == 1 else ():
+        position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
+        if not log.states_unit(position):
+            size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
+            unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
+            entries["unit"] = TableEntry(unit, why)
+        entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
+        belief.poses[BASE] = ColumnGroup(BASE, entries)
+
+
+def _grouped(belief: Belief, between: str, components: str) -> dict[str, list[str]]:
+    """Columns of vectors with all components, in order, by the common part of their names."""
+    groups: dict[tuple[str, str], dict[str, str]] = {}
+    for name in belief.log.names:
+        bare = without_unit(name)[0].strip()
+        if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
+            groups.setdefault((match[1], bare[: match.start(2)]), {}).setdefault(match[2].lower(), name)
+    return {rest: [own[c] for c in components] for (rest, _), own in groups.items() if own.keys() == set(components)}
