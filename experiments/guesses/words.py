@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
+from functools import lru_cache
 
 from ident.files.column import CURRENT, UNITS
 
@@ -85,9 +86,6 @@ OF_UNIT = {
 }
 """Quantities that a unit shows."""
 
-RATES = {"": "", "1": "velocity", "2": "acceleration"}
-"""Quantities of an angle by the power of the seconds below it."""
-
 LIKE = 0.6
 """Smallest likeness of names that may mean the same."""
 
@@ -124,15 +122,17 @@ class Words:
         return {word for word in self.core if word in SIDES.values()}
 
 
+@lru_cache(maxsize=4096)
 def words(name: str) -> Words:
     """Words of the name of a column or a joint."""
-    name, unit, per = without_unit(name)
+    name, unit, seconds = without_unit(name)
     split = [part for each in PARTS.findall(name) for part in GLUED.sub(r"\1 \2", each.lower()).split()]
     split = [str(int(part)) if part.isdigit() else part for part in split]
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
     # In `motor_current_position` the last word is the quantity; `current` is one only without another.
     kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
-    shown = RATES[per] if per and unit in ("deg", "rad") else OF_UNIT.get(unit, "")
+    rate = "acceleration" if re.search("[2²]", seconds) else "velocity"
+    shown = rate if seconds and unit in ("deg", "rad") else OF_UNIT.get(unit, "")
     # Among several columns, T1 [Nm] and T2 [Nm] are torques.
     kind = shown if shown in ("torque", "current") else kind or shown
     # Franka's `q_d` and `tau_J_d` are desired values.
@@ -144,24 +144,20 @@ def words(name: str) -> Words:
 
 
 def without_unit(name: str) -> tuple[str, str, str]:
-    """A name without its unit, the unit without seconds below it, and their power, "1", "2" or ""."""
+    """A name without its unit, the unit without seconds below it, and these seconds, perhaps squared, or ""."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):
         spelling, seconds, power = re.sub(r"\s", "", match[1].lower()).partition("/s")
         if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
-            return name[: match.start()] + name[match.end() :], unit, _power(seconds + power)
+            return name[: match.start()] + name[match.end() :], unit, seconds + power
     for match in reversed(list(UNIT.finditer(name))):
         spelling = match[1].lower()
         if match.start() or spelling in ANGLES:
             seconds = match[2] or "s" * (spelling == "dps")
-            return name[: match.start()] + name[match.end() :], SPELLED[spelling], _power(seconds)
+            return name[: match.start()] + name[match.end() :], SPELLED[spelling], seconds
     for match in reversed(list(PARTS.finditer(name))):
         if match[0].lower() in ANGLES:
             return name[: match.start()] + name[match.end() :], SPELLED[match[0].lower()], ""
     return name, "", ""
-
-
-def _power(seconds: str) -> str:
-    return "" if not seconds else "2" if re.search("[2²]", seconds) else "1"
 
 
 def likeness(column: Words, joint: Words) -> float:
