@@ -143,9 +143,7 @@ class OrderSearch:
     def add_best(self, every: Sequence[Order], *, ask: bool = True) -> bool:
         """Adds the order that leaves least, and returns True if it is clearly the best and explains enough."""
         every = sorted(every, key=lambda order: order.left)
-        twins = [order for order in every if every[0].is_like(order, self.belief.log.columns)]
-        # Of equally good families, those of the joint precede those of the motor or before calibration.
-        best = min(twins, key=lambda order: bool(order.family.kind) and order.family.is_second)
+        best, twins = every[0], [order for order in every if every[0].is_like(order, self.belief.log.columns)]
         others = [order.left for order in every if order not in twins]
         left, second = best.left, min(others, default=1.0)
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES

@@ -71,13 +71,14 @@ def decisions(scores: Scores) -> Iterator[Decision]:
     scores = {pair: score for pair, score in scores.items() if score >= LIKE}
     best = assigned(scores)
     for (column, joint), score in best.items():
-        other = assigned(scores | {(column, joint): 0.0})
-        is_open = score < EXACT and sum(best.values()) - sum(other.values()) < NEAR
-        near = {pair for pair, each in scores.items() if each > score - NEAR}
-        rivals = [c for c in dict.fromkeys(c for c, _ in scores) if (c, joint) in near | other.keys()]
-        owners = [j for j in dict.fromkeys(j for _, j in scores) if (column, j) in near]
-        has_rivals = any(to == joint for _, to in other)
-        yield Decision(column, joint, score, rivals * (is_open and has_rivals), owners * (is_open and not has_rivals))
+        other, columns, joints = assigned(scores | {(column, joint): 0.0}), list[str](), list[str]()
+        if score < EXACT and sum(best.values()) - sum(other.values()) < NEAR:
+            near = {pair for pair, each in scores.items() if each > score - NEAR}
+            if any(to == joint for _, to in other):
+                columns = [c for c in dict.fromkeys(c for c, _ in scores) if (c, joint) in near | other.keys()]
+            else:
+                joints = [j for j in dict.fromkeys(j for _, j in scores) if (column, j) in near]
+        yield Decision(column, joint, score, columns, joints)
 
 
 Evidence = Callable[[Belief, str], Scores]
@@ -137,7 +138,6 @@ def _by_following(belief: Belief, _: str) -> Scores:
     """Scores of commanded positions of joints without a torque: by name or number like the position that follows."""
     log, own, scores = belief.log, _of_joints(belief.axes), Scores()
     free = {name: words(name) for name in belief.free if name in log.columns}
-    # Controllers call torques u as well.
     free = {n: x for n, x in free.items() if x.kind in ("position", "") and (x.commanded or "u" in x.core)}
     positions = [x for x in belief.of("position").values() if x.column in log.columns]
     for joint, position in ((x.joint, x) for x in positions if x.joint not in belief.of("torque")):
@@ -147,6 +147,7 @@ def _by_following(belief: Belief, _: str) -> Scores:
             like = likeness(about, own[joint]) * (not shares_numbers_alone(about, own[joint]))
             like = max(like, 0.0, ALONE * (about.numbers == numbers and bool(numbers)))
             score = EXACT if name == COMMAND.format(joint) else min(1.0, like + 0.2)
+            # Controllers call torques u as well.
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
             if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
                 scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))

@@ -206,9 +206,6 @@ def unit_of(quantity: str, stated: str) -> str:
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
 """Words of families that are not of joints."""
 
-SECOND = {"theta", "motor", "encoder", "raw"}
-"""Words of positions before the gear or the calibration; a family of the joints themselves has precedence."""
-
 
 @dataclass(frozen=True)
 class Family:
@@ -220,7 +217,6 @@ class Family:
         names: The names in this order.
         kind: The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it.
         is_of_joints: True if no word states a quantity of something else, or a commanded one.
-        is_second: True if its positions are of motors rather than of joints.
     """
 
     template: str
@@ -228,7 +224,6 @@ class Family:
     names: tuple[str, ...] = ()
     kind: str = ""
     is_of_joints: bool = False
-    is_second: bool = False
 
     @property
     def by_number(self) -> dict[int, str]:
@@ -242,8 +237,7 @@ class Family:
         about, parts = words(names[0]), {part.lower() for part in PARTS.findall(names[0])}
         # Gazebo calls the torque of a hinge a force; among several columns, T1 and T2 are torques.
         kind = "torque" if about.kind == "force" or (about.kind == "time" and "t" in parts) else about.kind
-        of_joints = parts.isdisjoint(ELSEWHERE) and about.measured and kind != "time"
-        return cls(template, numbers, names, kind, of_joints, not parts.isdisjoint(SECOND))
+        return cls(template, numbers, names, kind, parts.isdisjoint(ELSEWHERE) and about.measured and kind != "time")
 
 
 def families(names: Iterable[str]) -> list[Family]:

@@ -97,10 +97,11 @@ def backward():
 
 
 def opensim():
-    """OpenSim's names: a centre of pressure and a free moment, angles in degrees."""
+    """OpenSim's names: a centre of pressure and a free moment with some noise, angles in degrees."""
     t, q1, q2, F, M = _parts()
     point = np.stack([-M[:, 1] / F[:, 2], M[:, 0] / F[:, 2], 1 + 0 * t], axis=1)
-    free = np.stack([0 * t, 0 * t, M[:, 2] - (point[:, 0] * F[:, 1] - point[:, 1] * F[:, 0])], axis=1)
+    free = 1e-3 * np.random.default_rng(2).normal(size=F.shape)
+    free[:, 2] = M[:, 2] - (point[:, 0] * F[:, 1] - point[:, 1] * F[:, 0])
     names = "/jointset/a/joint1/value", "/jointset/b/joint2/value"
     columns = {"time": t, names[0]: DEG * q1, names[1]: DEG * q2} | vector("ground_force_v{}", F)
     columns |= vector("ground_force_p{}", point) | vector("ground_torque_{}", free)
