@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,17 @@ BASE = "base"
 
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
 """Lines of a group whose values are columns, perhaps with gains, or numbers in their place."""
+
+ORDER = (
+    *("held", "frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
+    *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
+)
+"""Order of the lines of a wrench or pose."""
+
+
+def named(likeness: float) -> tuple[str, str]:
+    """Reason and certainty of what is named like something."""
+    return ("named so", SURE) if likeness >= 0.99 else (f"named alike ({100 * likeness:.0f} %)", LIKELY)
 
 
 @dataclass
@@ -111,6 +122,11 @@ class ColumnGroup:
         return doubted or self.entries.keys().isdisjoint(("force", "torque"))
 
     @property
+    def lines(self) -> list[tuple[str, TableEntry]]:
+        """Its lines in their order in the file."""
+        return [(key, self.entries[key]) for key in ORDER if key in self.entries]
+
+    @property
     def columns(self) -> list[str]:
         """All its columns."""
         lists = (self.entries[key].value for key in LISTS if key in self.entries)
@@ -131,8 +147,10 @@ class Belief:
         open: Sentences on quantities that are ambiguous or missing.
         notes: Sentences on other observations.
         unused: Columns that are not assigned.
+        by_size: Joints whose unit of angles was chosen by size, or because others have it.
         by_place: Joints whose columns are assigned only by their place in a series and by the model's predictions.
         undecided: Joints whose position a sentence of `open` is about.
+        sign_undecided: True if a joint's sign is open, so that axes of wrenches cannot be checked.
         torques_undecided: True if a sentence of `open` asks which of several columns are the torques.
         complete: True if every joint has a position, or follows one that has.
     """
@@ -145,8 +163,10 @@ class Belief:
     open: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
+    by_size: set[str] = field(default_factory=set)
     by_place: set[str] = field(default_factory=set)
     undecided: set[str] = field(default_factory=set)
+    sign_undecided: bool = False
     torques_undecided: bool = False
     complete: bool = False
 
@@ -224,27 +244,23 @@ class Belief:
         return None
 
 
-ORDER = (
-    *("held", "frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
-    *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
-)
-"""Order of the lines of a wrench."""
-
-
 def toml_text(belief: Belief) -> str:
     """The mapping file, with doubtful, missing and unused columns in remarks."""
-    name = _printable(name_of(belief.log.path))
-    lines = [f"# Columns of {name}, guessed: correct what is wrong. Lines marked ? are guesses."]
-    lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
-    lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
-    lines += _of_files(belief.log)
+    lines = [f"# Columns of {name_of(belief.log.path)}, guessed: correct what is wrong. Lines marked ? are guesses."]
+    lines += [f"# Open: {sentence}" for sentence in belief.open] + [f"# Note: {sentence}" for sentence in belief.notes]
+    lines = [*map(_printable, lines), *_of_files(belief.log)]
     for joint in (joint for joint in belief.mechanism.joints if f"joints.{joint}" not in belief.poses):
-        lines += _of_joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
+        own = [x for x in belief.quantities.values() if x.joint == joint]
+        lines.append("# " * all(x.sure == DOUBTFUL for x in own) + f"[joints.{_key(joint)}]")
+        lines += ['# position = "?"    # no column'] * all(x.kind != "position" for x in own)
+        for x in own:
+            sure = x.sure if len(x.why) == 1 else LIKELY
+            lines.append("# " * (x.sure == DOUBTFUL) + _line(x.kind, x.value, "; ".join(x.why), sure))
     wrenches = {f"wrenches.{name}": group for name, group in belief.groups.items()}
     for table, group in {**belief.poses, **wrenches}.items():
-        (room, _, name), mark = table.partition("."), "# " if table in wrenches and group.is_doubtful else ""
-        lines.append(f"{mark}[{room}{'.' * bool(name)}{_key(name) if name else ''}]")
-        lines += [mark + _line(key, each.value, each.why, each.sure) for key, each in _in_order(group.entries)]
+        (room, dot, name), mark = table.partition("."), "# " * (table in wrenches and group.is_doubtful)
+        lines.append(f"{mark}[{room}{dot}{_key(name) if name else ''}]")
+        lines += [mark + _line(key, each.value, each.why, each.sure) for key, each in group.lines]
     if belief.unused:
         lines.append(f"# Columns that are not assigned: {', '.join(belief.unused)}")
     return "\n".join(lines) + "\n"
@@ -262,11 +278,6 @@ def write_mapping(path: Path, belief: Belief, *, force: bool = False) -> None:
         temporary.write_text(toml_text(belief), encoding="utf-8")
 
 
-def _in_order(entries: dict[str, TableEntry]) -> Iterator[tuple[str, TableEntry]]:
-    """Lines of a wrench in their order."""
-    return ((key, entries[key]) for key in ORDER if key in entries)
-
-
 def _of_files(log: LogContents) -> list[str]:
     """Lines on the columns of times, one for all files or one for each, and on layouts that are not the default."""
     lines, several = list[str](), len(log.layouts) > 1
@@ -277,18 +288,6 @@ def _of_files(log: LogContents) -> list[str]:
         header = _line("header", layout.header, "the first row has numbers" * (not layout.header))
         lines += ["[[file]]" if several else "[file]", header]
         lines += [_line("skip", layout.skip, "lines before the table")] if layout.skip else []
-    return lines
-
-
-def _of_joint(joint: str, quantities: list[Quantity]) -> list[str]:
-    """Lines on a joint, only remarks if none of its columns is believed."""
-    believed = any(x.sure != DOUBTFUL for x in quantities)
-    lines = [f"{'' if believed else '# '}[joints.{_key(joint)}]"]
-    if not any(x.kind == "position" for x in quantities):
-        lines.append('# position = "?"    # no column')
-    for x in quantities:
-        mark, sure = "# " if x.sure == DOUBTFUL else "", x.sure if len(x.why) == 1 else LIKELY
-        lines.append(mark + _line(x.kind, x.value, "; ".join(x.why), sure))
     return lines
 
 
@@ -322,7 +321,7 @@ def table(belief: Belief) -> list[str]:
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
         rows.append((f"{x.joint}.{x.kind}", x.column or "left out", unit, x.sure, "; ".join(x.why)))
     for group in (*belief.poses.values(), *belief.groups.values()):
-        for key, entry in _in_order(group.entries):
+        for key, entry in group.lines:
             values = entry.value if isinstance(entry.value, list) else [entry.value]
             scaled = (f"{x['gain']:g} × {x['column']}" if isinstance(x, dict) else x for x in values)
             listed = ", ".join(str(each) if each != "" else "-" for each in scaled)

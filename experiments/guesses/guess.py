@@ -1,125 +1,28 @@
-"""Guess of a mapping of columns from a log and a model, and of where its wrenches are measured."""
+"""Guess of a mapping of columns from a log and a model: all evidence in its order, and units of joints' columns."""
 
 import shlex
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry
-from experiments.guesses.beliefs_checked import check_positions, check_wrenches_and_torques, set_orientation
-from experiments.guesses.guessed_units import doubt_units, set_rates, set_units
-from experiments.guesses.log_contents import check_same_columns, log_contents
-from experiments.guesses.matched_names import add_commands, add_named, add_orientations
-from experiments.guesses.model import ComparedModel, explained, unexplained
-from experiments.guesses.series import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, add_any, add_measured, add_series
-from experiments.guesses.words import LIKE, likeness, words
-from experiments.guesses.wrenches import add_wrenches, set_turn, set_unit, size_ratio
-from ident.errors import ExcitationError, InputError
-from ident.estimation.equations import COMPONENTS
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, Quantity, TableEntry
+from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
+from experiments.guesses.groups import add_poses, add_wrenches
+from experiments.guesses.log_contents import LONG, ROUND, check_same_columns, is_one, log_contents
+from experiments.guesses.model import ComparedModel
+from experiments.guesses.orders import add_any, add_series
+from experiments.guesses.scores import add_assigned, add_commands, add_predicted, by_name, by_number
+from experiments.guesses.wrench_checks import ask_place, place_wrenches
+from ident.errors import InputError
+from ident.files.column import UNITS
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.beyond_sensor import TURNED, weighed
 from ident.recordings.wrench import GROUND
 
-SIZE = 5.0
-"""Largest ratio of sizes of the ground's wrench that the model explains in part: masses of models are wrong by less. Of
-a payload of a tenth of the weight, in the base's axes, it explains .93."""
-
-TINY = 1e-6
-"""Difference of unexplained shares that is rounding, as of bodies that are rigidly connected."""
-
-
-def place_wrenches(model: ComparedModel) -> None:
-    """Decides by the model where a wrench is measured whose name does not say so: at the base, or beyond a joint.
-
-    A sensor beyond a joint reads what it carries, in axes that move with it; other wrenches on bodies are contacts.
-    """
-    belief = model.belief
-    groups = [group for group in belief.groups.values() if group.is_open or "body" in group.entries]
-    if not groups:
-        return
-    states = model.states_of({})
-    predicted, inside = model.predicted(states), model.wrenches(states)
-    ground = np.stack([predicted[c] for c in COMPONENTS], axis=1)
-    for group in groups:
-        key, part = ("force", slice(0, 3)) if "force" in group.entries else ("torque", slice(3, 6))
-        x = model.level(group.entries[key].value)
-        left = {body: unexplained(x, list(there.T[part])) for body, there in inside.items()}
-        best, at_base = min(left, key=lambda body: left[body], default=""), unexplained(x, list(ground.T[part]))
-        if not group.is_open:
-            group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
-        elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
-            sizes = {body: size_ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
-            _carry(group, model, left, sizes)
-        elif 1 - at_base < (ENOUGH if _is_of_size(size_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
-            shares = f"{explained(at_base)} of it as the ground's, and {explained(left.get(best, 1.0))}"
-            ask_place(belief, group, f"The model explains {shares} as that of what '{best}' carries.")
-        if group.is_inner:
-            body = str(group.entries["body"].value)
-            _turn_inner(group, model, inside[body])
-            if belief.of("torque") or any(not other.is_inner for other in belief.groups.values()):
-                group.entries["body"].sure = DOUBTFUL
-                belief.notes.append(
-                    f"The wrench '{group.name}' is that of what '{body}' carries. It stays a remark for `payload`, "
-                    "since `identify` would take it for a contact."
-                )
-
-
-def ask_place(belief: Belief, group: ColumnGroup, why: str) -> None:
-    """Leaves a wrench a remark, with a question on the place where it is measured."""
-    group.entries["body"] = TableEntry("?", "the body beyond the sensor", DOUBTFUL)
-    belief.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
-    _rename(belief, group)
-
-
-def _is_of_size(ratio: float) -> bool:
-    """True where columns are about as large as the prediction, in some unit."""
-    return any(1 / SIZE < ratio * unit < SIZE for unit in (1e-3, 1.0, 1e3))
-
-
-def _varying(x: np.ndarray) -> np.ndarray:
-    """Columns without their means, which a sensor's offsets are part of."""
-    return np.asarray(x - x.mean(axis=0))
-
-
-def _rename(belief: Belief, group: ColumnGroup) -> None:
-    """Gives a wrench that is not the ground's its own name."""
-    belief.groups.pop(group.name)
-    group.name, group.is_open = group.own_name, False
-    belief.groups[group.name] = group
-
-
-def _carry(group: ColumnGroup, model: ComparedModel, left: Mapping[str, float], sizes: Mapping[str, float]) -> None:
-    """Puts a wrench on the body beyond its sensor: named like it, or else of the likeliest weight."""
-    best, group.is_inner = min(left, key=lambda body: left[body]), True
-    alike = [body for body in left if CLEAR * left[body] <= left[best] + TINY]
-    rigid = [body for body in alike if model.mover(body) == model.mover(best)]
-    named = [body for body in alike if likeness(words(group.own_name), words(body)) >= LIKE]
-    body = named[0] if len(named) == 1 else min(rigid, key=lambda body: abs(np.log(sizes[body])))
-    why = f"the model explains {explained(left[body])} of it as the wrench of what '{body}' carries"
-    is_one = len(named) == 1 or len(rigid) == len(alike)
-    group.entries["body"] = TableEntry(body, why, LIKELY if is_one else DOUBTFUL)
-    if not is_one:
-        model.belief.ask(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
-    _rename(model.belief, group)
-
-
-def _turn_inner(group: ColumnGroup, model: ComparedModel, predicted: np.ndarray) -> None:
-    """Sets units, sign and axes of a sensor's wrench by the model; its offsets do not matter."""
-    for key, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
-        if key in group.entries:
-            measured = _varying(model.level(group.entries[key].value))
-            set_unit(model.belief, [group], key, size_ratio(measured, _varying(predicted[:, part])))
-    if "force" not in group.entries:
-        return
-    with suppress(ExcitationError):
-        force = model.level(group.entries["force"].value)
-        # The direction of gravity decides, whatever the payload weighs.
-        fit = weighed(np.hstack([force, 0 * force]), -predicted[:, :3])
-        turned = fit.angle > TURNED and "rpy_deg" not in group.entries
-        set_turn(group, fit.rotation.T if turned else np.eye(3), "body", "gravity fits", opposite=fit.opposite)
+PERCENT, NORMALIZED = 100.0, ".pos"
+"""Largest number and end of the name of a position that may be a percentage of a calibrated range: LeRobot writes such
+ones, or degrees, under the same names."""
 
 
 def believed(
@@ -140,23 +43,24 @@ def believed(
     """
     log = log_contents(logs[0], limit, rate).without_markers(mechanism.sites)
     belief = Belief(log, mechanism)
-    add_orientations(belief, base)
+    add_poses(belief, base)
     add_wrenches(belief)
-    add_named(belief)
+    add_assigned(belief, by_name)
     add_series(belief)
-    add_named(belief, numbered=True)
+    add_assigned(belief, by_number)
     add_any(belief)
-    by_size = set_units(belief)
-    add_measured(belief)
-    axes = not belief.can_predict or _check(belief, by_size, limit)
-    doubt_units(belief, by_size)
+    set_units(belief)
+    add_predicted(belief)
+    if belief.can_predict and not belief.undecided:
+        _check(belief, limit)
+    doubt_units(belief)
     set_rates(belief)
     if belief.flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, ColumnGroup(BASE, {}))
         of_base.entries["held"] = TableEntry(False, "the model's joints move it freely in a plane")
     _complete(belief)
     if belief.complete and mechanism.prior is not None:
-        check_wrenches_and_torques(belief, limit, axes=axes and belief.can_predict)
+        check_wrenches_and_torques(belief, limit)
     add_commands(belief)
     asked = belief.undecided or belief.torques_undecided or log.markers
     if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
@@ -166,11 +70,10 @@ def believed(
     return belief
 
 
-def _check(belief: Belief, by_size: list[str], limit: int) -> bool:
-    """Checks positions and wrenches by the model, and returns True if no sign of a joint is open."""
-    moving = any(x.column in belief.log.columns for x in belief.of("position").values())
-    if belief.undecided or not moving:
-        return True
+def _check(belief: Belief, limit: int) -> None:
+    """Checks positions and wrenches by the model."""
+    if all(belief.values(joint, "position") is None for joint in belief.axes):
+        return
     set_orientation(belief, limit)
     try:
         model = ComparedModel.of(belief)
@@ -178,10 +81,10 @@ def _check(belief: Belief, by_size: list[str], limit: int) -> bool:
         belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
         for group in [group for group in belief.groups.values() if group.is_open]:
             ask_place(belief, group, "Its name does not say so.")
-        return True
-    if no_sign_is_open := check_positions(model, by_size):
+        return
+    check_positions(model)
+    if not belief.sign_undecided:
         place_wrenches(model)
-    return no_sign_is_open
 
 
 def _complete(belief: Belief) -> None:
@@ -194,3 +97,83 @@ def _complete(belief: Belief) -> None:
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not belief.log.markers:
         listed, fixed = ", ".join(map(repr, absent)), " ".join(f"--fix {shlex.quote(joint)}" for joint in absent)
         belief.ask(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
+
+
+def set_units(belief: Belief) -> None:
+    """Sets units of positions by the file, their names, their velocities' units, and their size."""
+    log, kinds, open_ones = belief.log, belief.kinds, list[Quantity]()
+    for x in belief.of("position").values():
+        if x.column in log.units:
+            x.why.append("the file knows its unit")
+        elif stated := belief.stated(x):
+            x.unit = stated
+            x.why.append(f"{x.unit} by its name")
+        elif by_rate := _unit_by_rate(belief, x):
+            x.unit = by_rate
+            x.why.append(f"{x.unit} by its velocity, whose name has a unit")
+        elif x.column in log.columns:
+            open_ones.append(x)
+    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
+        those = [x for x in open_ones if kinds[x.joint] == kind]
+        others = {x.unit for joint, x in belief.of("position").items() if kinds[joint] == kind} - {""}
+        sizes = {x.joint: log.largest(x.column) for x in those}
+        # A program has one unit for all angles.
+        unit = others.pop() if len(others) == 1 else larger if max(sizes.values(), default=0) > limit else usual
+        for x in those:
+            alike = sizes[x.joint] > limit or unit == usual
+            x.unit, x.sure = unit, x.sure if alike else LIKELY
+            x.why.append(f"{unit} since it goes to {sizes[x.joint]:.3g}" + f", and others are in {unit}" * (not alike))
+    belief.by_size = {x.joint for x in open_ones if kinds[x.joint] == "hinge"}
+
+
+def _unit_by_rate(belief: Belief, position: Quantity) -> str:
+    """Unit of a position in which the derivative is the velocity in the unit that its name states; "" if unknown."""
+    rate, log = belief.of("velocity").get(position.joint), belief.log
+    if not rate or not belief.stated(rate) or not {rate.column, position.column} <= log.columns.keys():
+        return ""
+    kind = belief.kinds[position.joint]
+    ratio = log.rate_factor(log.columns[position.column], rate.column)
+    ratio *= UNITS[f"{kind} velocity"][belief.stated(rate)]
+    return next((own for own, scale in UNITS[f"{kind} position"].items() if is_one(ratio / scale)), "")
+
+
+def doubt_units(belief: Belief) -> None:
+    """Makes positions likely whose unit their size alone suggests, and remarks of those that may be percentages."""
+    percentages = list[str]()
+    for joint, x in belief.of("position").items():
+        if joint in belief.by_size and x.sure == SURE:
+            x.sure = LIKELY
+            x.why.append("which nothing else shows")
+        is_open = x.column.endswith(NORMALIZED) and x.unit in ("deg", "mm") and x.sure != SURE
+        if x.about.unit == "%" or (is_open and belief.log.largest(x.column) <= PERCENT):
+            percentages.append(joint)
+            x.sure = DOUBTFUL
+    if percentages:
+        belief.ask(
+            f"The positions of {', '.join(percentages)} may be percentages of calibrated ranges. Map degrees by "
+            'unit = "deg", percentages by unit, gain and constant, so that gain * column + constant is the position.',
+            percentages,
+        )
+
+
+def set_rates(belief: Belief) -> None:
+    """Sets units and signs of velocities and accelerations as derivatives; drops columns that are no derivatives."""
+    log, rates = belief.log, (("velocity", "position"), ("acceleration", "velocity"))
+    for x, of in ((x, of) for kind, of in rates for x in belief.of(kind).values()):
+        state, stated = belief.values(x.joint, of), belief.stated(x)
+        if state is None or x.column not in log.columns:
+            continue
+        choices = {"": belief.factor(x)} if x.column in log.units else UNITS[f"{belief.kinds[x.joint]} {x.kind}"]
+        ratio = log.rate_factor(state, x.column)
+        fits = {unit: ratio * choice for unit, choice in choices.items() if is_one(ratio * choice)}
+        x.sure = SURE
+        if not fits:
+            x.why = [f"it is {ratio:.3g} times the derivative" if ratio else "it is not the derivative"]
+            belief.notes.append(
+                f"Column '{x.column}' is named like the {x.kind} of '{x.joint}', but {x.why[0]} of what is taken for "
+                f"its {of}; it is left out."
+            )
+            x.column = ""
+            continue
+        x.unit, x.gain = stated if stated in fits else next(iter(fits)), float(np.sign(ratio))
+        x.why.append(f"{fits[x.unit]:.2f} times the derivative of the {of}" + f" in {x.unit}" * bool(x.unit))

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from ident.files.selection import counted, taken
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.entries import clocks
 from ident.recordings.columns.mapping import ColumnMapping
-from ident.recordings.plausibility import with_continuous_angles
+from ident.recordings.plausibility import rate_factor, with_continuous_angles
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.several_clocks import TIME, files_of, name_of, read_files, streams_of
 from ident.recordings.times import LEAST_SAMPLES
@@ -36,6 +37,15 @@ TRIAL = ".trc"
 
 FEW = 3
 """Smallest number of markers that show the pose of a body."""
+
+ROUND = 2 * np.pi + 0.5
+"""Largest angle of a joint that is plausible in radians."""
+
+LONG = 20.0
+"""Largest travel of a slide that is plausible in metres."""
+
+SAME_UNIT = 1.25
+"""Ratio of a rate to the derivative, and its inverse, up to which they are in one unit."""
 
 
 class ClockColumn(NamedTuple):
@@ -108,8 +118,7 @@ class LogContents:
         layouts: Layout of each file's text.
         clocks: Column of times of each file; empty for a single file that stores the times of its columns.
         time: Common times of the columns, uniform, s (N,).
-        columns: Columns of numbers that change, at these times (N,).
-        constant: Values of columns that never change.
+        samples: Columns of numbers at these times (N,).
         unread: Errors of columns without numbers, by name.
         units: Units stated by the file, by column.
         has_gaps: True if cells or rows are missing, in files with one clock.
@@ -122,8 +131,7 @@ class LogContents:
     layouts: tuple[Layout, ...] = (Layout(),)
     clocks: tuple[ClockColumn, ...] = ()
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
-    columns: dict[str, np.ndarray] = field(default_factory=dict)
-    constant: dict[str, float] = field(default_factory=dict)
+    samples: dict[str, np.ndarray] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     has_gaps: bool = False
@@ -135,6 +143,16 @@ class LogContents:
     def rate(self) -> float:
         """Samples per second, Hz."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Columns that change (N,)."""
+        return {name: x for name, x in self.samples.items() if np.ptp(x) > 0}
+
+    @cached_property
+    def constant(self) -> dict[str, float]:
+        """Values of columns that never change."""
+        return {name: float(x[0]) for name, x in self.samples.items() if name not in self.columns}
 
     @property
     def names(self) -> list[str]:
@@ -148,7 +166,7 @@ class LogContents:
 
     def largest(self, name: str) -> float:
         """Largest size of a column."""
-        return float(np.abs(self.columns[name]).max()) if name in self.columns else abs(self.constant.get(name, 0.0))
+        return float(np.abs(self.samples.get(name, 0.0)).max())
 
     def states_unit(self, names: Collection[str]) -> bool:
         """True if the file states the unit of one of some columns."""
@@ -156,8 +174,16 @@ class LogContents:
 
     def table(self, names: Sequence[str]) -> np.ndarray:
         """Columns side by side, zeros for those that are not in the log (N, k)."""
-        zero = np.zeros(len(self.time))
-        return np.stack([self.columns.get(name, zero + self.constant.get(name, 0.0)) for name in names], axis=1)
+        return np.stack([self.samples.get(name, np.zeros(len(self.time))) for name in names], axis=1)
+
+    def rate_factor(self, x: np.ndarray, rate: str) -> float:
+        """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
+        return rate_factor(self.time, x, self.columns[rate])
+
+    def is_rate(self, position: str, rate: str) -> bool:
+        """True where a column may be the derivative of another, in any unit and of either sign."""
+        size = self.rate_factor(self.columns[position], rate)
+        return any(is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180))
 
     def summary(self) -> list[str]:
         """Lines on the file and each of its columns."""
@@ -169,8 +195,7 @@ class LogContents:
         ]
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         lines += self.notes
-        for name, x in self.columns.items():
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}")
+        lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in self.columns.items()]
         if self.markers:
             lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
@@ -190,9 +215,13 @@ class LogContents:
         if len(markers) < FEW:
             return self
         gone = {name for names in markers.values() for name in names}
-        columns = {name: x for name, x in self.columns.items() if name not in gone}
-        constant = {name: x for name, x in self.constant.items() if name not in gone}
-        return replace(self, columns=columns, constant=constant, markers=tuple(markers))
+        samples = {name: x for name, x in self.samples.items() if name not in gone}
+        return replace(self, samples=samples, markers=tuple(markers))
+
+
+def is_one(ratio: float) -> bool:
+    """True where the ratio of a rate to the derivative is that of one unit, of either sign."""
+    return 1 / SAME_UNIT < abs(ratio) < SAME_UNIT
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:
@@ -279,7 +308,9 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         own = table.column(clock.names[0])
         # If times repeat or go back, the first ones are kept.
         table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        table = with_continuous_angles(table, dict.fromkeys({*table.cells} - {*clock.names}, WHOLE_TURNS), notes)
+        table = with_continuous_angles(
+            table, {name: WHOLE_TURNS for name in table.cells if name not in clock.names}, notes
+        )
         numbers, errors = _numbers(table)
         channels = {name: x[:, None] for name, x in numbers.items() if name not in clock.names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
@@ -292,16 +323,13 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
     if len(time) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
+    has_gaps = False
     for name, stream in streams.items():
-        missing, steps, x = np.isnan(stream.values).mean(), np.diff(stream.time), interpolated(stream, time)[:, 0]
+        missing, steps = np.isnan(stream.values).mean(), np.diff(stream.time)
+        log.samples[name] = interpolated(stream, time)[:, 0]
         notes += [f"Column '{name}' lacks {100 * missing:.2g} % of its samples."] if missing else []
-        gaps = bool(log.clocks) and (missing > 0 or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
-        log = replace(log, has_gaps=log.has_gaps or bool(gaps))
-        if np.ptp(x) > 0:
-            log.columns[name] = x
-        else:
-            log.constant[name] = float(x[0])
-    return replace(log, time=time, notes=tuple(notes))
+        has_gaps = has_gaps or bool(missing or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
+    return replace(log, time=time, notes=tuple(notes), has_gaps=has_gaps and bool(log.clocks))
 
 
 def check_same_columns(

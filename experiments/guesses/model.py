@@ -23,6 +23,21 @@ SAMPLES = 300
 STILL = 1e-6
 """Range of a predicted channel, relative to the largest, up to which it does not depend on the motion."""
 
+ENOUGH, LITTLE = 0.5, 0.1
+"""Shares of wrenches and torques that the model has to explain with columns assigned only by their place, and with
+others. Torques of arms are explained to less than half with columns of other joints, to eight tenths or more with the
+right ones, even if masses are wrong by a factor of two. For columns with names the model may be worse."""
+
+ENOUGH_OF_WRENCHES = 0.95
+"""Share of wrenches that the model has to explain with one order among several, whatever the wrenches' axes: with that
+much freedom, a wrong order explains up to nine tenths."""
+
+CLEAR = 0.7
+"""Ratio of the best choice's unexplained share to the second's, above which the choice is open."""
+
+AGREES = 0.8
+"""Share of a column's variance above which a prediction is accepted for it."""
+
 States = Mapping[str, np.ndarray]
 """Position and both derivatives by joint (3, M)."""
 
@@ -102,11 +117,11 @@ class ComparedModel:
             channels |= predicted_channels(closed, motion, np.eye(4), torques=True)
         return channels
 
-    def left(self, factors: Mapping[str, float] | None = None) -> Left | None:
-        """Mean of the unexplained shares, with factors on some positions; None without any wrench and torque."""
+    def left(self, factors: Mapping[str, float] | None = None) -> Left:
+        """Mean of the unexplained shares, with factors on some positions; zero without any wrench and torque."""
         states = {joint: x * (factors or {}).get(joint, 1.0) for joint, x in self.states_of({}).items()}
         shares = self.shares(states, self.predicted(states))
-        return Left(*np.mean(shares, axis=0).tolist()) if shares else None
+        return Left(*np.mean(shares or [Left(0.0, 0.0)], axis=0).tolist())
 
     def shares(self, states: States, predicted: Mapping[str, np.ndarray]) -> list[Left]:
         """Unexplained shares of the forces, the moments and each joint torque that the belief has."""

@@ -1,9 +1,10 @@
 """Words of names: kinds, units, sides and numbers, the likeness of two names, and families that differ by a number."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
+from functools import lru_cache
 
 from ident.files.column import CURRENT, UNITS
 
@@ -85,9 +86,6 @@ OF_UNIT = {
 }
 """Quantities that a unit shows."""
 
-RATES = {"": "", "1": "velocity", "2": "acceleration"}
-"""Quantities of an angle by the power of the seconds below it."""
-
 LIKE = 0.6
 """Smallest likeness of names that may mean the same."""
 
@@ -124,15 +122,17 @@ class Words:
         return {word for word in self.core if word in SIDES.values()}
 
 
+@lru_cache(maxsize=4096)
 def words(name: str) -> Words:
     """Words of the name of a column or a joint."""
-    name, unit, per = without_unit(name)
+    name, unit, seconds = without_unit(name)
     split = [part for each in PARTS.findall(name) for part in GLUED.sub(r"\1 \2", each.lower()).split()]
     split = [str(int(part)) if part.isdigit() else part for part in split]
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
     # In `motor_current_position` the last word is the quantity; `current` is one only without another.
     kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
-    shown = RATES[per] if per and unit in ("deg", "rad") else OF_UNIT.get(unit, "")
+    rate = "acceleration" if re.search("[2²]", seconds) else "velocity"
+    shown = rate if seconds and unit in ("deg", "rad") else OF_UNIT.get(unit, "")
     # Among several columns, T1 [Nm] and T2 [Nm] are torques.
     kind = shown if shown in ("torque", "current") else kind or shown
     # Franka's `q_d` and `tau_J_d` are desired values.
@@ -144,24 +144,20 @@ def words(name: str) -> Words:
 
 
 def without_unit(name: str) -> tuple[str, str, str]:
-    """A name without its unit, the unit without seconds below it, and their power, "1", "2" or ""."""
+    """A name without its unit, the unit without seconds below it, and these seconds, perhaps squared, or ""."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):
         spelling, seconds, power = re.sub(r"\s", "", match[1].lower()).partition("/s")
         if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
-            return name[: match.start()] + name[match.end() :], unit, _power(seconds + power)
+            return name[: match.start()] + name[match.end() :], unit, seconds + power
     for match in reversed(list(UNIT.finditer(name))):
         spelling = match[1].lower()
         if match.start() or spelling in ANGLES:
             seconds = match[2] or "s" * (spelling == "dps")
-            return name[: match.start()] + name[match.end() :], SPELLED[spelling], _power(seconds)
+            return name[: match.start()] + name[match.end() :], SPELLED[spelling], seconds
     for match in reversed(list(PARTS.finditer(name))):
         if match[0].lower() in ANGLES:
             return name[: match.start()] + name[match.end() :], SPELLED[match[0].lower()], ""
     return name, "", ""
-
-
-def _power(seconds: str) -> str:
-    return "" if not seconds else "2" if re.search("[2²]", seconds) else "1"
 
 
 def likeness(column: Words, joint: Words) -> float:
@@ -193,13 +189,12 @@ def shares_numbers_alone(column: Words, joint: Words) -> bool:
     return bool(common) and all(word.isdigit() for word in common)
 
 
-def without_prefix(names: Sequence[Words]) -> list[Words]:
-    """The same words without a common prefix, such as the robot's name."""
-    cores = [each.core for each in names]
-    length = 0
+def without_prefix(about: Mapping[str, Words]) -> dict[str, Words]:
+    """The words of some names without a common prefix, such as the robot's name."""
+    cores, length = [each.core for each in about.values()], 0
     while len(cores) > 1 and all(len(core) > length + 1 and core[length] == cores[0][length] for core in cores):
         length += 1
-    return [replace(each, core=each.core[length:]) for each in names]
+    return {name: replace(each, core=each.core[length:]) for name, each in about.items()}
 
 
 def unit_of(quantity: str, stated: str) -> str:
@@ -210,9 +205,6 @@ def unit_of(quantity: str, stated: str) -> str:
 
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
 """Words of families that are not of joints."""
-
-SECOND = {"theta", "motor", "encoder", "raw"}
-"""Words of positions before the gear or the calibration; a family of the joints themselves has precedence."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +217,6 @@ class Family:
         names: The names in this order.
         kind: The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it.
         is_of_joints: True if no word states a quantity of something else, or a commanded one.
-        is_second: True if its positions are of motors rather than of joints.
     """
 
     template: str
@@ -233,7 +224,6 @@ class Family:
     names: tuple[str, ...] = ()
     kind: str = ""
     is_of_joints: bool = False
-    is_second: bool = False
 
     @property
     def by_number(self) -> dict[int, str]:
@@ -247,8 +237,7 @@ class Family:
         about, parts = words(names[0]), {part.lower() for part in PARTS.findall(names[0])}
         # Gazebo calls the torque of a hinge a force; among several columns, T1 and T2 are torques.
         kind = "torque" if about.kind == "force" or (about.kind == "time" and "t" in parts) else about.kind
-        of_joints = parts.isdisjoint(ELSEWHERE) and about.measured and kind != "time"
-        return cls(template, numbers, names, kind, of_joints, not parts.isdisjoint(SECOND))
+        return cls(template, numbers, names, kind, parts.isdisjoint(ELSEWHERE) and about.measured and kind != "time")
 
 
 def families(names: Iterable[str]) -> list[Family]:

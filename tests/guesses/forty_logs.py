@@ -1,238 +1,246 @@
-"""The forty logs, four of each of ten drivers and tools."""
+"""Forty logs with the column names of ten drivers and tools, four of each, each with its true mapping."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import walker
-from guesses.driver_logs import (
-    ALPHABETICAL,
-    DEG,
-    UR,
-    Log,
-    angles_of_walker,
-    base_wrench,
-    fingers,
-    named,
-    noise,
-    numbered,
-    plates,
-    series,
-    seven,
-    stamped,
-    states,
-    true,
-    ur,
-)
+from guesses.odd_logs import DEG, text, vector
+from guesses.robots import FINGERS, UR, seven, ur
+from scipy.io import savemat
+
+ALPHABETICAL = sorted(range(6), key=UR.__getitem__)
+"""Joints of the six-axis robot in ROS's order."""
+
+PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
+"""Name, factor and start of columns of times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log with its true mapping.
+
+    Attributes:
+        tool: Driver or tool with these column names.
+        about: Special features.
+        columns: Columns of numbers or words by name (N,).
+        mechanism: The recorded mechanism.
+        truth: Column of each quantity as `JOINT.KIND`, with the factor to SI; None without a column.
+        wrenches: Columns of each wrench, forces first, and the body that it acts on; None for the ground.
+        asked: True if something is open that only its owner knows.
+        between: Separator of columns; `mat` for a MATLAB file.
+        header: True if it has a row of names.
+    """
+
+    tool: str
+    about: str
+    columns: Mapping[str, Any]
+    mechanism: Any
+    truth: Mapping[str, tuple[str, float] | None]
+    wrenches: Mapping[tuple[str, ...], str | None] = field(default_factory=dict)
+    asked: bool = False
+    between: str = ","
+    header: bool = True
+
+    def write(self, folder: Path) -> Path:
+        """Writes it and returns its path."""
+        if self.between == "mat":
+            savemat(folder / "log.mat", self.columns)
+            return folder / "log.mat"
+        content = text(self.columns, self.between)
+        (folder / "log.csv").write_text(content if self.header else content.partition("\n")[2], encoding="utf-8")
+        return folder / "log.csv"
+
+
+def series(pattern, x):
+    """Numbered columns of an array (N, d), from zero on."""
+    return {pattern.format(k): column for k, column in enumerate(x.T)}
+
+
+def columns_of(robot, *patterns, first=0, order=None, labels=None, clock=PLAIN, scale=(1.0, 1.0, 1.0)):
+    """Columns of positions, velocities and torques, and their true mapping.
+
+    Args:
+        robot: The robot.
+        patterns: Names of the columns; "" for no columns.
+        first: First number, one for all or for each quantity.
+        order: Joints in the order of the columns, by default from the base on.
+        labels: What names have in place of numbers, from the base on.
+        clock: Name, factor and start of the column of times.
+        scale: Factors from SI units to those of the columns, a number or one for each joint.
+    """
+    name, factor, start = clock
+    columns, truth, order = {name: factor * (robot.time + start)}, {}, list(order or range(len(robot.joints)))
+    firsts = first if isinstance(first, Sequence) else (first,) * 3
+    values = {"position": robot.q, "velocity": robot.dq, "torque": robot.tau}
+    for (kind, x), pattern, number, size in zip(values.items(), patterns, firsts, scale, strict=False):
+        sizes = np.broadcast_to(size, len(robot.joints))
+        for place, k in enumerate(order) if pattern else ():
+            name = pattern.format(labels[k] if labels else place + number)
+            columns[name], truth[f"{robot.joints[k]}.{kind}"] = x[:, k] * sizes[k], (name, 1 / sizes[k])
+    return columns, truth
+
+
+def arm(tool, about, robot, *patterns, beside=None, wrench=(), asked=False, lacking=(), **how):
+    """A log of an arm, arguments as for `columns_of`.
+
+    Args:
+        beside: Other columns.
+        wrench: Patterns of the ground's force and moment.
+        asked: As for `Log`.
+        lacking: Joints without columns.
+    """
+    columns, truth = columns_of(robot, *patterns, **how)
+    parts = [vector(pattern, x) for pattern, x in zip(wrench, (robot.base[:, :3], robot.base[:, 3:]), strict=False)]
+    ground = {name: x for part in parts for name, x in part.items()}
+    truth |= {f"{joint}.position": None for joint in lacking}
+    wrenches = {tuple(ground): None} if ground else {}
+    columns |= (beside or {}) | ground
+    return Log(tool, about, columns, robot.mechanism, truth, wrenches, asked)
+
+
+def noise(robot, columns, size=1.0, seed=5):
+    """Columns independent of the motion (N, columns)."""
+    return size * np.cumsum(np.random.default_rng(seed).normal(size=(len(robot.time), columns)), axis=0) / 30
+
+
+def three(pattern, position="position", velocity="velocity", torque="effort"):
+    """Patterns of the three quantities."""
+    return [pattern.replace("*", kind) for kind in (position, velocity, torque)]
 
 
 @cache
 def logs() -> tuple[Log, ...]:
     """All of them."""
-    parts = (
-        *(_joint_states, _rostopic, _rtde, _franka, _iiwa),
-        *(_lerobot, _opensim, _biomechanics, _gazebo, _matlab),
-    )
-    return tuple(log for part in parts for log in part())
+    return (*_ros(), *_rtde(), *_franka(), *_iiwa(), *_lerobot(), *_walkers(), *_gazebo(), *_matlab())
 
 
-def _joint_states():
+def _ros():
     tool, panda, robot = "ROS joint_states", seven(), ur()
-    patterns = tuple(f"/joint_states/{{}}/{kind}" for kind in ("position", "velocity", "effort"))
-    for about, r, names in (("PlotJuggler, by name", panda, panda.joints), ("names sorted by the alphabet", robot, UR)):
-        order = sorted(range(len(names)), key=names.__getitem__)
-        those = [names[k] for k in order]
-        columns = stamped(r, "__time", start=1.7e9)
-        for pattern, x in zip(reversed(patterns), (r.tau, r.dq, r.q), strict=True):
-            columns |= named(pattern, those, x[:, order])
-        kinds = dict(zip(("position", "velocity", "torque"), patterns, strict=True))
-        yield Log(
-            tool, about, columns, r.mechanism, true(r, {k: [p.format(j) for j in names] for k, p in kinds.items()})
-        )
-    q, dq, tau = "position_{}", "velocity_{}", "effort_{}"
-    columns = {**stamped(panda, "Time", start=1.7e9), "header.seq": np.arange(len(panda.time))}
-    yield Log(
-        tool, "bagpy, zero-based", columns | states(panda, q, dq, tau), panda.mechanism, numbered(panda, q, dq, tau)
-    )
-    q, dq, tau = (f"/joint_states/{kind}[{{}}]" for kind in ("position", "velocity", "effort"))
-    columns = stamped(robot, "__time", start=1.7e9) | states(robot, q, dq, tau, order=ALPHABETICAL)
-    truth = numbered(robot, q, dq, tau, order=ALPHABETICAL)
-    yield Log(tool, "numbers sorted by the joints' alphabet", columns, robot.mechanism, truth)
-
-
-def _rostopic():
-    tool, robot, panda = "rostopic echo -p", ur(), seven()
-    q, dq, tau = "field.position{}", "field.velocity{}", "field.effort{}"
-    time = stamped(robot, "%time", 1e9, 1.7e9) | {"field.header.seq": np.arange(len(robot.time))}
-    labels = {f"field.name{k}": np.full(len(robot.time), UR[j]) for k, j in enumerate(ALPHABETICAL)}
-    rows = states(robot, q, dq, tau, order=ALPHABETICAL)
-    truth = numbered(robot, q, dq, tau, order=ALPHABETICAL)
-    yield Log(tool, "with the joints' names", time | labels | rows, robot.mechanism, truth)
-    yield Log(tool, "names lost", time | rows, robot.mechanism, truth)
-    rng = np.random.default_rng(1)
-    columns = {**stamped(panda, "%time", 1e9, 1.7e9), **series("field.O_T_EE{}", noise(panda, 16))}
-    columns |= states(panda, "field.q{}", "field.dq{}", "field.tau_J{}")
-    columns |= series("field.q_d{}", panda.q + 1e-4) | series("field.dtau_J{}", np.gradient(panda.tau, 0.01, axis=0))
-    columns |= series("field.tau_ext_hat_filtered{}", noise(panda, 7)) | series(
-        "field.O_F_ext_hat_K{}", noise(panda, 6)
-    )
-    columns |= series("field.theta{}", panda.q + 1e-3 * rng.normal(size=panda.q.shape))
-    truth = numbered(panda, "field.q{}", "field.dq{}", "field.tau_J{}")
-    yield Log(tool, "franka_states", columns, panda.mechanism, truth)
-    grips = np.column_stack([0.02 + 0 * panda.time, 0.02 + 0 * panda.time])
-    columns = stamped(panda, "%time", 1e9, 1.7e9)
-    for pattern, x in ((q, panda.q), (dq, panda.dq), (tau, panda.tau)):
-        columns |= series(pattern, np.column_stack([grips if pattern == q else 0 * grips, x]))
-    shifted = list(range(2, 9))
-    truth = true(
-        panda, {k: [p.format(i) for i in shifted] for k, p in (("position", q), ("velocity", dq), ("torque", tau))}
-    )
-    yield Log(tool, "two fingers before the arm", columns, panda.mechanism, truth)
+    by_name, numbered, fields = three("/joint_states/{}/*"), three("/joint_states/*[{}]"), three("field.*{}")
+    by_alphabet = sorted(range(7), key=panda.joints.__getitem__)
+    sequence = np.arange(len(robot.time))
+    yield arm(tool, "PlotJuggler, by name", panda, *by_name, labels=panda.joints, order=by_alphabet, clock=EPOCH)
+    yield arm(tool, "names sorted by the alphabet", robot, *by_name, labels=UR, order=ALPHABETICAL, clock=EPOCH)
+    clock, beside = ("Time", 1.0, 1.7e9), {"header.seq": sequence}
+    yield arm(tool, "bagpy, zero-based", panda, *three("*_{}"), clock=clock, beside=beside)
+    yield arm(tool, "numbers sorted by the joints' alphabet", robot, *numbered, order=ALPHABETICAL, clock=EPOCH)
+    tool, labels = "rostopic echo -p", np.full((len(sequence), 6), [UR[k] for k in ALPHABETICAL])
+    for about, names in (("with the joints' names", series("field.name{}", labels)), ("names lost", {})):
+        beside = {"field.header.seq": sequence} | names
+        yield arm(tool, about, robot, *fields, order=ALPHABETICAL, clock=STAMPS, beside=beside)
+    beside = series("field.O_T_EE{}", noise(panda, 16)) | series("field.q_d{}", panda.q + 1e-4)
+    beside |= series("field.dtau_J{}", np.gradient(panda.tau, 0.01, axis=0))
+    beside |= series("field.tau_ext_hat_filtered{}", noise(panda, 7)) | series("field.O_F_ext_hat_K{}", noise(panda, 6))
+    beside |= series("field.theta{}", panda.q + 1e-3 * np.random.default_rng(1).normal(size=panda.q.shape))
+    patterns = "field.q{}", "field.dq{}", "field.tau_J{}"
+    yield arm(tool, "franka_states", panda, *patterns, clock=STAMPS, beside=beside)
+    grips = np.full((len(panda.time), 2), 0.02)
+    beside = {name: x for k, pattern in enumerate(fields) for name, x in series(pattern, grips * (k == 0)).items()}
+    yield arm(tool, "two fingers before the arm", panda, *fields, first=2, clock=STAMPS, beside=beside)
 
 
 def _rtde():
-    tool, robot = "UR RTDE", ur()
-    q, dq, i = "actual_q_{}", "actual_qd_{}", "actual_current_{}"
+    tool, robot, q, dq, clock = "UR RTDE", ur(), "actual_q_{}", "actual_qd_{}", ("timestamp", 1.0, 4000.0)
     gains = np.array([10.5, 10.5, 10.0, 8.0, 8.0, 8.0])
-    current = series(i, robot.tau / gains)
-    asked = series("target_q_{}", robot.q + 1e-4) | series("target_moment_{}", robot.tau * 1.1)
-    others = series("actual_TCP_pose_{}", noise(robot, 6)) | series("actual_TCP_force_{}", noise(robot, 6, 5.0, 9))
-    time = stamped(robot, "timestamp", start=4000)
-    columns = time | asked | states(robot, q, dq, "") | current | others
-    truth = numbered(robot, q, dq) | {
-        f"{j}.torque": (i.format(k), g) for k, (j, g) in enumerate(zip(UR, gains, strict=True))
-    }
-    yield Log(tool, "record.py with currents", columns, robot.mechanism, truth, between=" ")
-    yield Log(
-        tool, "positions alone", time | states(robot, q, dq, ""), robot.mechanism, numbered(robot, q, dq), asked=True
-    )
-    wrench, those = base_wrench(robot, "base_f{}", "base_t{}")
-    yield Log(tool, "beside a sensor at the base", time | states(robot, q, "", "") | wrench, robot.mechanism,
-              numbered(robot, q), those)  # fmt: skip
-    q, dq, tau = "q{}", "qd{}", "joint_torque_{} [Nm]"
-    columns = stamped(robot, "t") | states(robot, q, dq, tau, first=1)
-    yield Log(tool, "one-based, torques in N m", columns, robot.mechanism, numbered(robot, q, dq, tau, first=1))
+    beside = series("target_q_{}", robot.q + 1e-4) | series("target_moment_{}", robot.tau * 1.1)
+    beside |= series("actual_TCP_pose_{}", noise(robot, 6)) | series("actual_TCP_force_{}", noise(robot, 6, 5.0, 9))
+    how = {"clock": clock, "scale": (1.0, 1.0, 1 / gains), "beside": beside}
+    yield replace(arm(tool, "record.py with currents", robot, q, dq, "actual_current_{}", **how), between=" ")
+    yield arm(tool, "positions alone", robot, q, dq, clock=clock, asked=True)
+    yield arm(tool, "beside a sensor at the base", robot, q, clock=clock, wrench=("base_f{}", "base_t{}"))
+    clock, patterns = ("t", 1.0, 0.0), ("q{}", "qd{}", "joint_torque_{} [Nm]")
+    yield arm(tool, "one-based, torques in N m", robot, *patterns, first=1, clock=clock)
 
 
 def _franka():
     tool, panda, hand = "Franka libfranka", seven(), seven(fingers=True)
-    q, dq, tau = "state.q[{}]", "state.dq[{}]", "state.tau_J[{}]"
-    columns = stamped(panda) | states(panda, q, dq, tau) | series("state.q_d[{}]", panda.q)
-    columns |= series("state.tau_ext_hat_filtered[{}]", noise(panda, 7)) | series("cmd.tau_J[{}]", panda.tau)
-    yield Log(tool, "logToCSV", columns, panda.mechanism, numbered(panda, q, dq, tau))
-    q, dq, tau = "q_{}", "dq_{}", "tau_{}"
-    yield Log(tool, "zero-based beside joints from one on", stamped(panda) | states(panda, q, dq, tau), panda.mechanism,
-              numbered(panda, q, dq, tau))  # fmt: skip
-    names = [f"fer_joint{k}" for k in range(1, 8)]
-    kinds = {"position": panda.q, "velocity": panda.dq, "effort": panda.tau}
-    columns = stamped(panda)
-    for kind, x in kinds.items():
-        columns |= named(f"{{}}_{kind}", names, x)
-    words = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    truth = true(panda, {kind: [f"{name}_{word}" for name in names] for kind, word in words.items()})
-    yield Log(tool, "fer_joint1 for panda_joint1", columns, panda.mechanism, truth)
-    columns = stamped(hand) | states(hand, "q_{}", "dq_{}", "tau_J_{}")
-    truth = numbered(hand, "q_{}", "dq_{}", "tau_J_{}") | fingers(hand)
-    yield Log(tool, "fingers that are not in the log", columns, hand.mechanism, truth, asked=True)
+    patterns = "state.q[{}]", "state.dq[{}]", "state.tau_J[{}]"
+    beside = series("state.q_d[{}]", panda.q) | series("state.tau_ext_hat_filtered[{}]", noise(panda, 7))
+    yield arm(tool, "logToCSV", panda, *patterns, beside=beside | series("cmd.tau_J[{}]", panda.tau))
+    yield arm(tool, "zero-based beside joints from one on", panda, "q_{}", "dq_{}", "tau_{}")
+    yield arm(tool, "fer_joint1 for panda_joint1", panda, *three("fer_joint{}_*"), first=1)
+    about, patterns = "fingers that are not in the log", ("q_{}", "dq_{}", "tau_J_{}")
+    yield arm(tool, about, hand, *patterns, lacking=FINGERS, asked=True)
 
 
 def _iiwa():
     tool, iiwa = "KUKA iiwa FRI", seven("lbr_iiwa_joint_{}")
-    q, dq, tau = "measuredJointPosition_{}", "", "measuredTorque_{}"
-    columns = stamped(iiwa, "timestamp") | states(iiwa, q, dq, tau)
-    columns |= series("commandedJointPosition_{}", iiwa.q) | series("externalTorque_{}", noise(iiwa, 7))
-    yield Log(tool, "FRI's names", columns, iiwa.mechanism, numbered(iiwa, q, dq, tau))
-    q, tau = "axisQMsr_nr{}", "axisTMsr_nr{}"
-    columns = stamped(iiwa, "Time") | states(iiwa, q, "", tau)
-    yield Log(tool, "data recorder", columns, iiwa.mechanism, numbered(iiwa, q, "", tau))
-    q, tau = "A{} [deg]", "T{} [Nm]"
-    columns = stamped(iiwa, "t [ms]", 1e3) | series(q, DEG * iiwa.q, 1) | series(tau, iiwa.tau, 1)
-    truth = true(iiwa, {"position": [q.format(k) for k in range(1, 8)]}, {"position": 1 / DEG})
-    truth |= true(iiwa, {"torque": [tau.format(k) for k in range(1, 8)]})
-    yield Log(tool, "A1 in degrees", columns, iiwa.mechanism, truth)
-    q, tau = "field.position.a{}", "field.torque.a{}"
-    columns = stamped(iiwa, "%time", 1e9, 1.7e9) | states(iiwa, q, "", tau, first=1)
-    yield Log(tool, "iiwa_stack", columns, iiwa.mechanism, numbered(iiwa, q, "", tau, first=1))
+    beside = series("commandedJointPosition_{}", iiwa.q) | series("externalTorque_{}", noise(iiwa, 7))
+    patterns, clock = ("measuredJointPosition_{}", "", "measuredTorque_{}"), ("timestamp", 1.0, 0.0)
+    yield arm(tool, "FRI's names", iiwa, *patterns, clock=clock, beside=beside)
+    yield arm(tool, "data recorder", iiwa, "axisQMsr_nr{}", "", "axisTMsr_nr{}", clock=("Time", 1.0, 0.0))
+    patterns, clock = ("A{} [deg]", "", "T{} [Nm]"), ("t [ms]", 1e3, 0.0)
+    yield arm(tool, "A1 in degrees", iiwa, *patterns, first=1, clock=clock, scale=(DEG, 1.0, 1.0))
+    yield arm(tool, "iiwa_stack", iiwa, "field.position.a{}", "", "field.torque.a{}", first=1, clock=STAMPS)
 
 
 def _lerobot():
-    tool, robot, arm = "LeRobot", ur(), seven("joint{}")
-    q, tau = "observation.state.{}", "observation.effort.{}"
-    time = stamped(robot, "timestamp") | {
-        "frame_index": np.arange(len(robot.time)),
-        "index": 7 + np.arange(len(robot.time)),
-    }
-    columns = time | states(robot, q, "", "") | series("action.{}", robot.q + 1e-3)
-    yield Log(tool, "states alone", columns, robot.mechanism, numbered(robot, q), asked=True)
-    columns = columns | series(tau, robot.tau)
-    yield Log(tool, "states and efforts", columns, robot.mechanism, numbered(robot, q, "", tau))
-    columns = time | series(q, DEG * arm.q) | series(tau, arm.tau) | series("action.{}", DEG * arm.q)
-    truth = true(arm, {"position": [q.format(k) for k in range(7)]}, {"position": 1 / DEG})
-    yield Log(tool, "degrees", columns, arm.mechanism, truth | true(arm, {"torque": [tau.format(k) for k in range(7)]}))
-    columns = time | series("observation.state.{}", np.hstack([robot.q, robot.dq, robot.tau]))
-    parts = [[f"observation.state.{k + n}" for k in range(6)] for n in (0, 6, 12)]
-    truth = true(robot, dict(zip(("position", "velocity", "torque"), parts, strict=True)))
-    yield Log(tool, "all in one state", columns, robot.mechanism, truth)
+    tool, robot, joints = "LeRobot", ur(), seven("joint{}")
+    q, tau, clock = "observation.state.{}", "observation.effort.{}", ("timestamp", 1.0, 0.0)
+    frames = {"frame_index": np.arange(len(robot.time)), "index": 7 + np.arange(len(robot.time))}
+    beside = frames | series("action.{}", robot.q + 1e-3)
+    yield arm(tool, "states alone", robot, q, clock=clock, beside=beside, asked=True)
+    yield arm(tool, "states and efforts", robot, q, "", tau, clock=clock, beside=beside)
+    beside = frames | series("action.{}", DEG * joints.q)
+    yield arm(tool, "degrees", joints, q, "", tau, clock=clock, beside=beside, scale=(DEG, 1.0, 1.0))
+    yield arm(tool, "all in one state", robot, q, q, q, first=(0, 6, 12), clock=clock, beside=frames)
 
 
-def _opensim():
-    parts = ("{}_ground_force_v{}", "{}_ground_force_p{}", "{}_ground_torque_{}")
-    inside = ("ground_force_{}_v{}", "ground_force_{}_p{}", "ground_torque_{}_{}")
-    for about, names, patterns, factor in (
-        ("/value, radians", "/jointset/leg/{}/value", parts, 1.0),
-        ("degrees", "{}", inside, DEG),
-        ("numbered plates", "{}", parts, 1.0),
-        ("plates by side in words", "{}", ("{}.force.v{}", "{}.force.p{}", "{}.moment.{}"), 1.0),
+def _walkers():
+    """Persons on two plates, a row each: names of angles, patterns of forces and moments, sides, unit of angles."""
+    outside, inside = ("{}_ground_force_{}{}", "{}_ground_torque_{}"), ("ground_force_{}_{}{}", "ground_torque_{}_{}")
+    addb, feet = ("ground_force_{}_{}{}", "ground_force_{}_m{}"), ("foot_r", "foot_l")
+    words, moments = ("{}.force.{}{}", "{}.moment.{}"), ("ground_force_{}_{}{}", "ground_moment_{}_m{}")
+    for tool, about, names, (force, moment), sides, factor in (
+        ("OpenSim", "/value, radians", "/jointset/leg/{}/value", outside, "rl", 1.0),
+        ("OpenSim", "degrees", "{}", inside, "rl", DEG),
+        ("OpenSim", "numbered plates", "{}", outside, "12", 1.0),
+        ("OpenSim", "plates by side in words", "{}", words, ("right", "left"), 1.0),
+        ("AddBiomechanics", "plates", "{}", addb, "12", 1.0),
+        ("AddBiomechanics", "plates and degrees", "{}", addb, "12", DEG),
+        ("AddBiomechanics", "feet", "{}", addb, feet, 1.0),
+        ("AddBiomechanics", "moments", "{}", moments, "12", 1.0),
     ):
-        angles, truth = angles_of_walker(names, factor)
-        sides = {"numbered plates": ("1", "2"), "plates by side in words": ("right", "left")}.get(about, ("r", "l"))
-        forces, those = plates(*patterns, dict(zip("rl", sides, strict=True)))
-        yield Log("OpenSim", about, angles | forces, walker.mechanism(), truth, those, between="\t")
-
-
-def _biomechanics():
-    for about, parts, sides, factor in (
-        ("plates", ("ground_force_{}_v{}", "ground_force_{}_p{}", "ground_force_{}_m{}"), ("1", "2"), 1.0),
-        ("plates and degrees", ("ground_force_{}_v{}", "ground_force_{}_p{}", "ground_force_{}_m{}"), ("1", "2"), DEG),
-        ("feet", ("ground_force_{}_v{}", "ground_force_{}_p{}", "ground_force_{}_m{}"), ("foot_r", "foot_l"), 1.0),
-        ("moments", ("ground_force_{}_v{}", "ground_force_{}_p{}", "ground_moment_{}_m{}"), ("1", "2"), 1.0),
-    ):
-        angles, truth = angles_of_walker("{}", factor)
-        forces, those = plates(*parts, dict(zip("rl", sides, strict=True)))
-        yield Log("AddBiomechanics", about, angles | forces, walker.mechanism(), truth, those, between="\t")
+        (time, q, *_), mechanism, both = walker.motion(), walker.mechanism(), walker.wrenches()
+        columns, truth, wrenches = {"time": time}, {}, {}
+        for joint, x in zip(mechanism.tree.joints, q.T, strict=True):
+            scale = 1.0 if joint in ("tx", "ty", "tz") else factor
+            columns[names.format(joint)], truth[f"{joint}.position"] = scale * x, (names.format(joint), 1 / scale)
+        for foot, side, wrench in zip("rl", sides, (both["right"] + both["rail"], both["left"]), strict=True):
+            at, free = walker.centre_of_pressure(wrench)
+            at = np.nan_to_num(np.column_stack([at, 0 * free]), posinf=0, neginf=0)
+            forces, points = ([force.format(side, kind, axis) for axis in "xyz"] for kind in "vp")
+            about_point = [moment.format(side, axis) for axis in "xyz"]
+            values = np.hstack([wrench[:, :3], at, np.column_stack([0 * free, 0 * free, free])])
+            columns |= dict(zip([*forces, *points, *about_point], values.T, strict=True))
+            wrenches[tuple(forces + about_point)] = f"foot_{foot}"
+        yield Log(tool, about, columns, mechanism, truth, wrenches, between="\t")
 
 
 def _gazebo():
-    tool, panda, iiwa, robot = "Gazebo", seven(), seven("iiwa_joint_{}"), ur()
-    q, dq, tau = (f"panda_joint{{}}.{kind}" for kind in ("position", "velocity", "effort"))
-    columns = stamped(panda, "sim_time") | states(panda, q, dq, tau, first=1)
-    yield Log(tool, "by name", columns, panda.mechanism, numbered(panda, q, dq, tau, first=1))
-    q, dq, tau = (f"lbr::joint_{{}}::{kind}" for kind in ("position", "velocity", "force"))
-    columns = stamped(iiwa, "sim_time") | states(iiwa, q, dq, tau)
-    yield Log(tool, "scoped names from zero on", columns, iiwa.mechanism, numbered(iiwa, q, dq, tau))
-    q, dq, tau = (f"joint_state.{kind}.{{}}" for kind in ("position", "velocity", "effort"))
-    columns = stamped(robot, "clock") | states(robot, q, dq, tau, order=ALPHABETICAL)
-    truth = numbered(robot, q, dq, tau, order=ALPHABETICAL)
-    yield Log(tool, "numbers sorted by the joints' alphabet", columns, robot.mechanism, truth)
-    wrench, those = base_wrench(robot, "wrench.force.{}", "wrench.torque.{}")
-    columns = stamped(robot, "sim_time") | named("ur5::{}::position", UR, robot.q) | wrench
-    truth = true(robot, {"position": [f"ur5::{name}::position" for name in UR]})
-    yield Log(tool, "force_torque plugin at the base", columns, robot.mechanism, truth, those)
+    tool, panda, iiwa, robot, clock = "Gazebo", seven(), seven("iiwa_joint_{}"), ur(), ("sim_time", 1.0, 0.0)
+    yield arm(tool, "by name", panda, *three("panda_joint{}.*"), first=1, clock=clock)
+    scoped = three("lbr::joint_{}::*", torque="force")
+    yield arm(tool, "scoped names from zero on", iiwa, *scoped, clock=clock)
+    about, patterns = "numbers sorted by the joints' alphabet", three("joint_state.*.{}")
+    yield arm(tool, about, robot, *patterns, order=ALPHABETICAL, clock=("clock", 1.0, 0.0))
+    about, wrench = "force_torque plugin at the base", ("wrench.force.{}", "wrench.torque.{}")
+    yield arm(tool, about, robot, "ur5::{}::position", labels=UR, clock=clock, wrench=wrench)
 
 
 def _matlab():
     tool, panda, robot = "MATLAB and Simulink", seven("joint{}"), ur()
-    columns = {"t": panda.time, "q": panda.q, "dq": panda.dq, "tau": panda.tau}
-    truth = numbered(panda, "q.{}", "dq.{}", "tau.{}")
-    yield Log(tool, "matrices in a .mat", columns, panda.mechanism, truth, between="mat")
-    q, dq, tau = "q({})", "dq({})", "tau({})"
-    columns = stamped(panda, "Time") | states(panda, q, dq, tau, first=1)
-    yield Log(tool, "q(1) to q(7)", columns, panda.mechanism, numbered(panda, q, dq, tau, first=1))
-    block = np.hstack([panda.time[:, None], panda.q, panda.dq, panda.tau])
-    kinds = {k: [str(2 + n + j) for j in range(7)] for k, n in (("position", 0), ("velocity", 7), ("torque", 14))}
-    yield Log(
-        tool, "writematrix of [t q dq tau]", series("{}", block), panda.mechanism, true(panda, kinds), header=False
-    )
-    block = np.hstack([robot.time[:, None], robot.q, robot.base])
-    those = {tuple(str(k) for k in range(8, 14)): None}
-    truth = true(robot, {"position": [str(2 + j) for j in range(6)]})
-    yield Log(tool, "writematrix of [t q F]", series("{}", block), robot.mechanism, truth, those, header=False)
+    matrices = {"t": panda.time, "q": panda.q, "dq": panda.dq, "tau": panda.tau}
+    vectors = arm(tool, "matrices in a .mat", panda, "q.{}", "dq.{}", "tau.{}")
+    yield replace(vectors, columns=matrices, between="mat")
+    yield arm(tool, "q(1) to q(7)", panda, "q({})", "dq({})", "tau({})", first=1, clock=("Time", 1.0, 0.0))
+    numbers, clock = ("{}", "{}", "{}"), ("1", 1.0, 0.0)
+    whole = arm(tool, "writematrix of [t q dq tau]", panda, *numbers, first=(2, 9, 16), clock=clock)
+    yield replace(whole, header=False)
+    block = dict(zip(map(str, range(8, 14)), robot.base.T, strict=True))
+    bare = arm(tool, "writematrix of [t q F]", robot, "{}", first=2, clock=clock, beside=block)
+    yield replace(bare, wrenches={tuple(block): None}, header=False)

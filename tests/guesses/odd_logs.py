@@ -1,6 +1,5 @@
 """Logs of the pendulum in odd layouts of laboratories, each with the mapping that a person would write."""
 
-import re
 from functools import cache
 
 import numpy as np
@@ -60,144 +59,70 @@ def laboratory():
         "Joint 2 speed": v[1],
         "room temperature": 20 + 0.1 * np.random.default_rng(0).normal(size=len(t)),
     }
-    return (
-        text(columns, ";").replace(".", ","),
-        """
-        time = { column = "Timestamp [ms]", unit = "ms" }
-        [joints.joint1]
-        position = { column = "Joint 1 angle", unit = "deg" }
-        velocity = { column = "Joint 1 speed", unit = "deg/s" }
-        [joints.joint2]
-        position = { column = "Joint 2 angle", unit = "deg" }
-        velocity = { column = "Joint 2 speed", unit = "rad/s" }
-        [wrenches.ground]
-        force = ["Plate Fx [kN]", "Plate Fy [kN]", "Plate Fz [kN]"]
-        unit = "kN"
-        torque = ["Plate Mx", "Plate My", "Plate Mz"]
-        torque_unit = "N mm"
-    """,
-    )
+    angles = [{"column": f"Joint {k} angle", "unit": "deg"} for k in (1, 2)]
+    speeds = {"column": "Joint 1 speed", "unit": "deg/s"}, {"column": "Joint 2 speed", "unit": "rad/s"}
+    joints = [{"position": q, "velocity": dq} for q, dq in zip(angles, speeds, strict=True)]
+    mapping = true(*joints, ground("Plate F{} [kN]", "Plate M{}", unit="kN", torque_unit="N mm"))
+    return text(columns, ";").replace(".", ","), mapping | {"time": {"column": "Timestamp [ms]", "unit": "ms"}}
 
 
 def headless():
     """Numbers alone, in degrees."""
     t, q1, q2, F, M = _parts()
     columns = {str(k): x for k, x in enumerate((t, DEG * q2, DEG * q1, *F.T, *M.T))}
-    return (
-        text(columns).partition("\n")[2],
-        """
-        time = "1"
-        [file]
-        header = false
-        [joints.joint1]
-        position = { column = "3", unit = "deg" }
-        [joints.joint2]
-        position = { column = "2", unit = "deg" }
-        [wrenches.ground]
-        force = ["4", "5", "6"]
-        torque = ["7", "8", "9"]
-    """,
-    )
+    positions = [{"position": {"column": column, "unit": "deg"}} for column in "32"]
+    mapping = true(*positions, {"ground": {"force": ["4", "5", "6"], "torque": ["7", "8", "9"]}})
+    return text(columns).partition("\n")[2], mapping | {"time": "1", "file": {"header": False}}
 
 
 def turned():
     """A preamble; a sensor turned by 90° with readings of the reaction; and a velocity of opposite sign."""
     t, q1, q2, F, M = _parts()
     turn = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    columns = {
-        "t": t,
-        "q1": q1,
-        "q2": q2,
-        "dq1": recording()["joint1_velocity"],
-        "dq2": -recording()["joint2_velocity"],
-        **vector("F{}", -F @ turn.T),
-        **vector("M{}", -M @ turn.T),
-    }
-    return (
-        "Recorded on the big table\nOperator, nobody\n" + text(columns),
-        """
-        time = "t"
-        [file]
-        skip = 2
-        [joints.joint1]
-        position = "q1"
-        velocity = "dq1"
-        [joints.joint2]
-        position = "q2"
-        velocity = { column = "dq2", gain = -1 }
-        [wrenches.ground]
-        force = ["Fx", "Fy", "Fz"]
-        torque = ["Mx", "My", "Mz"]
-        rpy_deg = [0, 0, 90]
-        applied_to_link = false
-    """,
-    )
+    columns = {"t": t, "q1": q1, "q2": q2}
+    columns |= {"dq1": recording()["joint1_velocity"], "dq2": -recording()["joint2_velocity"]}
+    columns |= vector("F{}", -F @ turn.T) | vector("M{}", -M @ turn.T)
+    joints = {"position": "q1", "velocity": "dq1"}, {"position": "q2", "velocity": {"column": "dq2", "gain": -1}}
+    mapping = true(*joints, ground("F{}", "M{}", rpy_deg=[0, 0, 90], applied_to_link=False))
+    preamble = "Recorded on the big table\nOperator, nobody\n"
+    return preamble + text(columns), mapping | {"time": "t", "file": {"skip": 2}}
 
 
 def backward():
     """An encoder of opposite sign."""
     t, q1, q2, F, M = _parts()
     columns = {"time": t, "Encoder1": q1, "Encoder2": -q2, **vector("base_f{}", F), **vector("base_m{}", M)}
-    return (
-        text(columns),
-        """
-        [joints.joint1]
-        position = "Encoder1"
-        [joints.joint2]
-        position = { column = "Encoder2", gain = -1 }
-        [wrenches.ground]
-        force = ["base_fx", "base_fy", "base_fz"]
-        torque = ["base_mx", "base_my", "base_mz"]
-    """,
-    )
+    joints = {"position": "Encoder1"}, {"position": {"column": "Encoder2", "gain": -1}}
+    return text(columns), true(*joints, ground("base_f{}", "base_m{}"))
 
 
 def opensim():
-    """OpenSim's names: a centre of pressure and a free moment, angles in degrees."""
+    """OpenSim's names: a centre of pressure and a free moment with some noise, angles in degrees."""
     t, q1, q2, F, M = _parts()
     point = np.stack([-M[:, 1] / F[:, 2], M[:, 0] / F[:, 2], 1 + 0 * t], axis=1)
-    free = np.stack([0 * t, 0 * t, M[:, 2] - (point[:, 0] * F[:, 1] - point[:, 1] * F[:, 0])], axis=1)
-    columns = {"time": t, "/jointset/a/joint1/value": DEG * q1, "/jointset/b/joint2/value": DEG * q2}
-    columns |= vector("ground_force_v{}", F) | vector("ground_force_p{}", point) | vector("ground_torque_{}", free)
-    return (
-        text(columns, "\t"),
-        """
-        [joints.joint1]
-        position = { column = "/jointset/a/joint1/value", unit = "deg" }
-        [joints.joint2]
-        position = { column = "/jointset/b/joint2/value", unit = "deg" }
-        [wrenches.ground]
-        frame = "world"
-        force = ["ground_force_vx", "ground_force_vy", "ground_force_vz"]
-        point = ["ground_force_px", "ground_force_py", "ground_force_pz"]
-        free_moment = ["ground_torque_x", "ground_torque_y", "ground_torque_z"]
-    """,
-    )
+    free = 1e-3 * np.random.default_rng(2).normal(size=F.shape)
+    free[:, 2] = M[:, 2] - (point[:, 0] * F[:, 1] - point[:, 1] * F[:, 0])
+    names = "/jointset/a/joint1/value", "/jointset/b/joint2/value"
+    columns = {"time": t, names[0]: DEG * q1, names[1]: DEG * q2} | vector("ground_force_v{}", F)
+    columns |= vector("ground_force_p{}", point) | vector("ground_torque_{}", free)
+    joints = [{"position": {"column": name, "unit": "deg"}} for name in names]
+    plate = {"force": "ground_force_v{}", "point": "ground_force_p{}", "free_moment": "ground_torque_{}"}
+    plate = {key: [pattern.format(axis) for axis in "xyz"] for key, pattern in plate.items()}
+    return text(columns, "\t"), true(*joints, {"ground": {"frame": "world", **plate}})
 
 
 def motors():
     """Currents, one in mA and one of opposite sign, at times in microseconds; gains are the true ones."""
     t, q1, q2, *_ = _parts()
     i = torques() / GAINS + 0.05 * np.random.default_rng(1).normal(size=(len(t), 2))
-    columns = {
-        "t_us": 1e6 * t,
-        "enc1_deg": DEG * q1,
-        "enc2_deg": DEG * q2,
-        "I_1 [A]": i[:, 0],
-        "I_2 [mA]": 1e3 * i[:, 1],
-    }
-    return (
-        text(columns),
-        """
-        time = { column = "t_us", unit = "us" }
-        [joints.joint1]
-        position = { column = "enc1_deg", unit = "deg" }
-        torque = { column = "I_1 [A]", gain = 4.2, unit = "A" }
-        [joints.joint2]
-        position = { column = "enc2_deg", unit = "deg" }
-        torque = { column = "I_2 [mA]", gain = -2.5, unit = "mA" }
-    """,
-    )
+    columns = {"t_us": 1e6 * t, "enc1_deg": DEG * q1, "enc2_deg": DEG * q2}
+    columns |= {"I_1 [A]": i[:, 0], "I_2 [mA]": 1e3 * i[:, 1]}
+    currents = zip(("I_1 [A]", "I_2 [mA]"), GAINS, ("A", "mA"), strict=True)
+    joints = [
+        {"position": {"column": f"enc{k}_deg", "unit": "deg"}, "torque": {"column": name, "gain": gain, "unit": unit}}
+        for k, (name, gain, unit) in enumerate(currents, start=1)
+    ]
+    return text(columns), true(*joints) | {"time": {"column": "t_us", "unit": "us"}}
 
 
 def efforts():
@@ -205,32 +130,36 @@ def efforts():
     t, q1, q2, *_ = _parts()
     tau = 1e3 * (torques() + 0.1 * np.random.default_rng(1).normal(size=(len(t), 2)))
     columns = {"t": t, "pos_1": q1, "pos_2": q2, "cmd_pos_1": q1 + 0.01, "effort_1": tau[:, 0], "effort_2": -tau[:, 1]}
-    return (
-        text(columns),
-        """
-        [joints.joint1]
-        position = "pos_1"
-        torque = { column = "effort_1", unit = "N mm" }
-        [joints.joint2]
-        position = "pos_2"
-        torque = { column = "effort_2", unit = "N mm", gain = -1 }
-    """,
-    )
+    joints = [
+        {"position": f"pos_{k}", "torque": {"column": f"effort_{k}", "unit": "N mm", "gain": gain}}
+        for k, gain in ((1, 1), (2, -1))
+    ]
+    return text(columns), true(*joints) | {"time": "t"}
 
 
 LOGS = (laboratory, headless, turned, backward, opensim, motors, efforts)
 
 
+def true(joint1, joint2, wrenches=None):
+    """A mapping of the pendulum's columns."""
+    return {"joints": {"joint1": joint1, "joint2": joint2}} | ({"wrenches": wrenches} if wrenches else {})
+
+
+def ground(force, torque, **more):
+    """The entry of the ground's wrench by patterns of its columns."""
+    vectors = {kind: [p.format(axis) for axis in "xyz"] for kind, p in (("force", force), ("torque", torque))}
+    return {"ground": vectors | more}
+
+
 def text(columns, between=","):
-    """A table of columns by name."""
-    rows = np.stack(list(columns.values()), axis=1)
-    return "\n".join([between.join(columns), *(between.join(f"{x:.12g}" for x in row) for row in rows)]) + "\n"
+    """A table of columns of numbers or words by name."""
+    cells = ([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in x] for x in columns.values())
+    return "\n".join([between.join(columns), *map(between.join, zip(*cells, strict=True))]) + "\n"
 
 
 def write(folder, log):
-    """Writes a log and its true mapping; returns their paths."""
+    """Writes a log, and returns its path and true mapping."""
     content, mapping = log()
-    path, columns = folder / f"{log.__name__}.csv", folder / "true.toml"
+    path = folder / f"{log.__name__}.csv"
     path.write_text(content, encoding="utf-8")
-    columns.write_text(re.sub(r"^ +", "", mapping, flags=re.MULTILINE), encoding="utf-8")
-    return path, columns
+    return path, mapping

@@ -57,21 +57,20 @@ class Robot:
 
 
 @cache
-def ur(joints=UR, base=None):
+def ur():
     """A robot like Universal Robots' 5."""
     links = [
         f'<body name="link{k}" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" pos="{com}" '
         'diaginertia="0.02 0.02 0.01"/>'
-        for k, ((place, axis, mass, com), joint) in enumerate(zip(UR_LINKS, joints, strict=True), start=1)
+        for k, ((place, axis, mass, com), joint) in enumerate(zip(UR_LINKS, UR, strict=True), start=1)
     ]
-    bodies = "".join(links) + "</body>" * len(links)
-    return _recorded(bodies, joints, base)
+    return _recorded("".join(links) + "</body>" * len(links), UR)
 
 
 @cache
-def seven(pattern="panda_joint{}", first=1, fingers=False):
+def seven(pattern="panda_joint{}", fingers=False):
     """A robot like Franka's or KUKA's with seven joints, perhaps with two fingers."""
-    names = [pattern.format(k) for k in range(first, first + 7)]
+    names = [pattern.format(k) for k in range(1, 8)]
     fingered = "".join(
         f'<body name="finger{k}"><joint name="{name}" type="slide" axis="0 {y} 0"/>'
         '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
@@ -80,10 +79,10 @@ def seven(pattern="panda_joint{}", first=1, fingers=False):
     text = wrist.model(beyond=fingered if fingers else "")
     for k in range(7, 0, -1):
         text = text.replace(f'"joint{k}"', f'"{names[k - 1]}"')
-    return _recorded(text.split("<worldbody>")[1].split("</worldbody>")[0], tuple(names), None)
+    return _recorded(text.split("<worldbody>")[1].split("</worldbody>")[0], tuple(names))
 
 
-def _recorded(bodies, joints, base):
+def _recorded(bodies, joints):
     """A motion of six seconds, with its torques and base wrench."""
     spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
     model = spec.compile()
@@ -103,5 +102,5 @@ def _recorded(bodies, joints, base):
     tau = tau + friction + 0.02 * np.ptp(tau, axis=0) * order.normal(size=tau.shape)
     ground = ground + 0.01 * np.ptp(ground, axis=0) * order.normal(size=ground.shape)
     q = q[:, :n] + 1e-5 * order.normal(size=(len(time), n))
-    mechanism = sim.mechanism(spec, base=base or "base")
+    mechanism = sim.mechanism(spec, base="base")
     return Robot(mechanism, joints, time, q, dq[:, :n] + 1e-3 * order.normal(size=q.shape), tau, ground)

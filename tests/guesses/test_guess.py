@@ -57,10 +57,10 @@ def angles():
 
 
 def log_of(tmp_path, columns, wrench=None):
-    """A log of some columns beside the ground's force, or beside a whole wrench (N, 6)."""
-    r, path = recording(), tmp_path / "log.csv"
-    columns = {"time": r.time, **columns, **vector("F{}", r["ground_force"] if wrench is None else wrench[:, :3])}
-    path.write_text(text(columns | ({} if wrench is None else vector("M{}", wrench[:, 3:]))), encoding="utf-8")
+    """A log of some columns beside the ground's wrench, or another one (N, 6)."""
+    x, path = recording().wrench("ground").values if wrench is None else wrench, tmp_path / "log.csv"
+    columns = {"time": recording().time, **columns, **vector("F{}", x[:, :3]), **vector("M{}", x[:, 3:])}
+    path.write_text(text(columns), encoding="utf-8")
     return path
 
 
@@ -114,8 +114,7 @@ def posed(pattern, x, components):
 
 def read_as_guessed(tmp_path, columns, mechanism, base=None):
     """The log read by its guessed mapping, and the belief."""
-    (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
+    belief = believed_of(tmp_path, columns, mechanism, base)
     write_mapping(tmp_path / "c.toml", belief)
     return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
 
@@ -125,9 +124,8 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
     mechanism = Mechanism(Tree((HIP, KNEE)), np.zeros(3))
     columns = posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
     if pattern == "q{}":
-        assert believed_of(tmp_path, columns, mechanism).open == [
-            "No column looks like the position of 'hip'; --fix hip leaves out what rests."
-        ]
+        absent = "No column looks like the position of 'hip'; --fix hip leaves out what rests."
+        assert believed_of(tmp_path, columns, mechanism).open == [absent]
         return
     log, belief = read_as_guessed(tmp_path, columns, mechanism)
     orientation = Rotation.from_quat(log["hip_position"], scalar_first=True)
@@ -149,6 +147,6 @@ def test_poses_of_a_base_are_found_by_their_names(tmp_path, pattern, place):
     assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
-def believed_of(tmp_path, columns, mechanism):
+def believed_of(tmp_path, columns, mechanism, base=None):
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    return believed(mechanism, [tmp_path / "log.csv"])
+    return believed(mechanism, [tmp_path / "log.csv"], base=base)

@@ -1,18 +1,17 @@
-"""Columns of wrenches: groups by name, reference points of moments, units, axes, and bodies they may act on."""
+"""Groups of columns by their names: wrenches with the bodies that they may act on, orientations, and a base's poses."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry
-from experiments.guesses.matched_names import exact_names, is_named_after
-from experiments.guesses.words import families, most_alike, unit_of, words
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.preparation import Prepared
+from experiments.guesses.belief import BASE, DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.log_contents import LONG
+from experiments.guesses.scores import decisions, exact_names, is_named_after
+from experiments.guesses.words import LIKE, families, likeness, most_alike, unit_of, without_unit, words
+from ident.estimation.recorded_motion import UNIT
 from ident.files.column import CURRENT
-from ident.judgement.checks import wrench_checks
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import Component, wrench_groups
@@ -32,20 +31,13 @@ ABOUT_ORIGIN = 0.05
 FAR_POINT = 10.0
 """Median distance of a point of application above which it is in mm."""
 
-FAR_OFF = 0.3
-"""Relative error of a wrench against the model's prediction above which a note says so."""
+BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
+"""Names of bodies that move freely."""
 
-SNAPPED = 3.0
-"""Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
+TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
 
-HALF_WAY = np.sqrt(1000)
-"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
-
-OF_SIZE = {
-    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
-    "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
-}
-"""Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""
+MOVES = r"(?:position|pos|translation|trans|p|t)?"
+"""Words between the name of a group of columns and its component."""
 
 Parts = dict[Component, str]
 """Columns by component."""
@@ -54,7 +46,7 @@ Parts = dict[Component, str]
 def add_wrenches(belief: Belief) -> None:
     """Adds the columns that are named like wrenches."""
     wrenches = dict[str, Parts]()
-    for rest, parts in _named(belief):
+    for rest, parts in _by_names(belief):
         own = re.sub(r"\W+", "_", rest).strip("_")
         if same := next((other for other, those in wrenches.items() if _is_same(belief, parts, those)), None):
             belief.ask(f"The wrench '{own}' has the same force as '{same}', and is left out.")
@@ -75,12 +67,11 @@ def add_wrenches(belief: Belief) -> None:
         belief.groups[name] = group
 
 
-def _named(belief: Belief) -> Iterable[tuple[str, Parts]]:
+def _by_names(belief: Belief) -> Iterable[tuple[str, Parts]]:
     """Names and columns of wrenches: two components or more, of which one changes."""
     kinds = {joint: belief.kinds[joint] for joint in belief.axes}
     usual = exact_names(belief.kinds)
     names = [name for name in belief.free if name not in usual and not is_named_after(name, kinds)]
-    names = [name for name in names if words(name).kind not in ("velocity", "acceleration")]
     arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
     # Letters of a unit would be mistaken for a component.
     bare = {re.sub(r"\s*[\[(][^\])\d]*[\])]\s*$|[\W_]+(m?k?Nm?m?)$", "", name): name for name in names}
@@ -108,8 +99,8 @@ def _site(rest: str, belief: Belief) -> str:
     """The site on a moving body that a wrench is named after; "" if there is none."""
     tree, sites = belief.mechanism.tree, belief.mechanism.sites.items()
     moving = {tree.names[k] for i in tree.moving for k in tree.carried(i)}
-    named = list(most_alike(rest, [site for site, (body, _) in sites if body in moving], 0.99))
-    return named[0] if len(named) == 1 else ""
+    alike = list(most_alike(rest, [site for site, (body, _) in sites if body in moving], 0.99))
+    return alike[0] if len(alike) == 1 else ""
 
 
 def _mount(group: ColumnGroup, belief: Belief) -> None:
@@ -164,9 +155,9 @@ def _place(belief: Belief, group: ColumnGroup) -> None:
         entries["frame"] = TableEntry("world", at_rest)
         _stand(belief, group)
         return
-    if len(named := most_alike(group.name, names)) == 1:
-        ((body, like),) = named.items()
-        entries["body"] = TableEntry(body, f"named alike ({100 * like:.0f} %)")
+    if len(alike := most_alike(group.name, names)) == 1:
+        ((body, like),) = alike.items()
+        entries["body"] = TableEntry(body, named(like)[0])
         return
     entries["body"] = TableEntry("?", f"one of {', '.join(names)}", DOUBTFUL)
     belief.ask(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
@@ -191,88 +182,50 @@ def _stand(belief: Belief, group: ColumnGroup) -> None:
         belief.ask(f"It is open which body stands on '{group.name}'.")
 
 
-def size_ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Size of columns over that of the prediction."""
-    return max(float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12), 1e-12)
-
-
-def set_unit(belief: Belief, groups: Iterable[ColumnGroup], kind: str, ratio: float) -> bool:
-    """Sets the unit of forces or moments by their size, unless it is known, and returns True if it is not the SI unit.
+def add_poses(belief: Belief, base: str | None) -> None:
+    """Adds columns of ball joints, and of a moving base.
 
     Args:
-        belief: The belief, for a note on a size that no unit explains.
-        groups: The wrenches.
-        kind: `force` or `torque`.
-        ratio: Size of the columns over what the model predicts in SI units.
+        belief: The belief to extend.
+        base: Name of the body whose frame is {0}; None if the base does not move.
     """
-    key, choices = OF_SIZE[kind]
-    sizes = {unit: ratio / choice for unit, choice in choices.items()}
-    unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
-    if not 1 / HALF_WAY < sizes[unit] < HALF_WAY:
-        belief.notes.append(
-            f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
-            "which no other unit explains."
-        )
-        return False
-    changed = False
-    for entries in (group.entries for group in groups):
-        columns = [name for k in (kind, "free_moment") if k in entries for name in entries[k].value]
-        if key not in entries and any(columns) and not belief.log.states_unit(columns):
-            entries[key] = TableEntry(
-                unit, f"in {unit} it has {sizes[unit]:.2g} times the size that the model predicts"
-            )
-            changed = changed or choices[unit] != 1
-    return changed
+    groups = _grouped(belief, TURNS, "wxyz")
+    norms = {rest: np.linalg.norm(belief.log.table(names), axis=1) for rest, names in groups.items()}
+    groups = {rest: names for rest, names in groups.items() if (np.abs(norms[rest] - 1) < UNIT).all()}
+    balls = [joint for joint in belief.kinds if joint not in belief.axes]
+    for own in decisions({(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}):
+        if own.columns:
+            belief.ask(f"The orientation of '{own.joint}' may be in {' or in '.join(own.columns)}.")
+            continue
+        why, sure = named(own.score)
+        entry = TableEntry(groups.pop(own.column), f"{why}, with a norm of one", sure)
+        belief.poses[f"joints.{own.joint}"] = ColumnGroup(own.joint, {"position": entry})
+    if base is not None and belief.held:
+        _add_base(belief, groups, base)
 
 
-def set_axes(belief: Belief, log: Prepared) -> None:
-    """Sets signs and right-angled turns of wrenches with which they are far closer to the predictions."""
-    checks, base = wrench_checks(log)
-    if base is not None:
-        belief.notes.append(
-            f"The ground's wrench fits far better in the frame of '{base.body}' (--base {base.body}): an error of "
-            f"{100 * base.error_there:.0f} % rather than {100 * base.error:.0f} % of what the model predicts."
-        )
-        return
-    for name, check in checks.items():
-        entries = belief.groups[name].entries if name in belief.groups else {}
-        off = f"{100 * check.error:.0f} %"
-        if check.mirrored and entries:
-            _mirror(entries, check.mirrored)
-        elif entries and check.suspicious:
-            why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {off}"
-            frame = "base" if name == GROUND else "body"
-            set_turn(belief.groups[name], check.rotation, frame, why, opposite=check.sign < 0)
-        elif entries and check.error > FAR_OFF:
-            belief.notes.append(
-                f"The wrench '{name}' is off by {off} of what the model predicts, and no other sign or right-angled "
-                "turn is far better; see where its sensor is, and what else acts."
-            )
-        elif first := entries.get("force") or entries.get("torque"):
-            first.why += f"; sign and axes as the model has them ({off} off)"
+def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> None:
+    """Adds the poses of the base, if one quaternion named like it has a position beside it."""
+    log, places = belief.log, _grouped(belief, MOVES, "xyz")
+    alike = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
+    bases = [rest for rest in alike if rest in places and not log.columns.keys().isdisjoint(groups[rest])]
+    if len(bases) > 1:
+        belief.ask(f"The poses of the base may be those of {' or of '.join(bases)}.")
+    for rest in bases if len(bases) == 1 else ():
+        position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
+        if not log.states_unit(position):
+            size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
+            unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
+            entries["unit"] = TableEntry(unit, why)
+        entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
+        belief.poses[BASE] = ColumnGroup(BASE, entries)
 
 
-def _mirror(entries: dict[str, TableEntry], components: Iterable[str]) -> None:
-    """Gives columns of components that have the opposite sign alone a gain of -1."""
-    for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:]), ("free_moment", COMPONENTS[3:])):
-        wrong = [component for component in part if component in components]
-        if key in entries and wrong:
-            names = zip(entries[key].value, part, strict=True)
-            mirrored = [{"column": name, "gain": -1.0} if own in wrong and name else name for name, own in names]
-            why = f"{', '.join(wrong)} mirrored, as the model predicts the opposite sign"
-            entries[key] = TableEntry(mirrored, f"{entries[key].why}; {why}")
-
-
-def set_turn(group: ColumnGroup, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
-    """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
-    if opposite:
-        group.entries["applied_to_link"] = TableEntry(False, f"the opposite sign: {why}")
-    if not np.array_equal(rotation, np.eye(3)):
-        angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
-        near = 90 * np.round(angles / 90)
-        angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
-        group.entries["rpy_deg"] = TableEntry(angles.tolist(), f"its axes in those of the {frame}: {why}")
-        # A frame that is not turned states no angles.
-        if "frame" in group.entries:
-            group.entries["frame"] = TableEntry("plate", "axes other than the world's")
-            group.entries["position"] = TableEntry([0, 0, 0], "the world's origin")
+def _grouped(belief: Belief, between: str, components: str) -> dict[str, list[str]]:
+    """Columns of vectors with all components, in order, by the common part of their names."""
+    groups: dict[tuple[str, str], dict[str, str]] = {}
+    for name in belief.log.names:
+        bare = without_unit(name)[0].strip()
+        if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
+            groups.setdefault((match[1], bare[: match.start(2)]), {}).setdefault(match[2].lower(), name)
+    return {rest: [own[c] for c in components] for (rest, _), own in groups.items() if own.keys() == set(components)}

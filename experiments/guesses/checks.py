@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, Quantity, TableEntry, toml_text
-from experiments.guesses.model import ComparedModel, Left, beside, explained
-from experiments.guesses.series import ENOUGH, LITTLE
-from experiments.guesses.wrenches import set_axes, set_unit, size_ratio
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry, toml_text
+from experiments.guesses.model import ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.wrench_checks import set_axes, set_units_of_wrenches
 from ident.errors import InputError
-from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT, UNITS
@@ -31,45 +29,35 @@ CLEARLY = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
 
-def check_positions(model: ComparedModel, by_size: list[str]) -> bool:
+def check_positions(model: ComparedModel) -> None:
     """Checks units and signs of joints against wrenches and torques, independent of the units and axes of these.
 
-    Likely columns that explain next to nothing become doubtful.
-
-    Args:
-        model: The model beside the log, with the believed positions.
-        by_size: Joints whose unit was chosen by size alone; cleared if the model shows it.
-
-    Returns:
-        True if no sign is open; an open one is indistinguishable from turned axes of a wrench.
+    Likely columns that explain next to nothing become doubtful. An open sign is indistinguishable from turned axes of a
+    wrench.
     """
-    here = model.left()
-    if here is None:
-        return True
-    if by_size:
-        here = _other_unit(model, by_size, here)
-    no_sign_is_open, left = _turn(model, here)
-    if no_sign_is_open and 1 - left < ENOUGH:
+    left = _turn(model, _other_unit(model, model.left()))
+    if not model.belief.sign_undecided and 1 - left < ENOUGH:
         _doubt(model.belief, left)
-    return no_sign_is_open
 
 
-def _other_unit(model: ComparedModel, by_size: list[str], here: Left) -> Left:
+def _other_unit(model: ComparedModel, here: Left) -> Left:
     """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
-    positions = model.belief.of("position")
+    joints = [x for joint, x in model.belief.of("position").items() if joint in model.belief.by_size]
+    if not joints:
+        return here
     # A program has one unit for all angles.
-    unit = positions[by_size[0]].unit
+    unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
-    there = model.left(dict.fromkeys(by_size, scale)) or here
+    there = model.left({x.joint: scale for x in joints})
     if there.somehow <= min(BETTER * here.somehow, here.somehow - CLEARLY):
-        for joint in by_size:
-            positions[joint].unit = other
+        for x in joints:
+            x.unit = other
             shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
-            positions[joint].why.append(f"{other} since the model explains {shares}")
-        by_size.clear()
+            x.why.append(f"{other} since the model explains {shares}")
+        model.belief.by_size.clear()
         return there
     if here.somehow < min(BETTER * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
-        by_size.clear()
+        model.belief.by_size.clear()
     return here
 
 
@@ -88,15 +76,14 @@ def _doubt(belief: Belief, left: float) -> None:
             x.sure = DOUBTFUL
 
 
-def _turn(model: ComparedModel, here: Left) -> tuple[bool, float]:
-    """Inverts joints whose opposite sign explains far more, one by one; if two do so equally, the sign stays open.
+def _turn(model: ComparedModel, here: Left) -> float:
+    """Inverts joints whose opposite sign explains far more, one by one, and returns the unexplained share.
 
-    Returns:
-        True if no sign is open, and the unexplained share.
+    If two do so equally, the sign stays open.
     """
     positions = {j: x for j, x in model.belief.of("position").items() if x.column in model.states}
     while here.somehow > EXPLAINED:
-        ways = {joint: way for joint in positions if (way := model.left({joint: -1.0})) is not None}
+        ways = {joint: model.left({joint: -1.0}) for joint in positions}
         good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
         if not good:
             break
@@ -107,12 +94,13 @@ def _turn(model: ComparedModel, here: Left) -> tuple[bool, float]:
                 f"One of {', '.join(sorted(good))} has the opposite sign, which of them depends on how the "
                 "wrench's axes are turned: gain = -1 in its position."
             )
-            return False, here.somehow
+            model.belief.sign_undecided = True
+            break
         before, here = here, ways[joint]
         positions[joint].gain *= -1
         shares = f"{explained(here.somehow)} then, else {explained(before.somehow)}"
         positions[joint].why.append(f"turned, since the model explains {shares}")
-    return True, here.somehow
+    return here.somehow
 
 
 def set_orientation(belief: Belief, limit: int) -> None:
@@ -128,28 +116,21 @@ def set_orientation(belief: Belief, limit: int) -> None:
         return
     if check is not None and check.suspicious:
         shares = f"{100 * check.misfit:.0f} % unexplained then, as it is {100 * check.stated:.0f} %"
-        belief.poses[BASE] = ColumnGroup(
-            BASE, {"rpy_deg": TableEntry(list(check.rpy_deg), f"gravity: the model leaves {shares}")}
-        )
+        orientation = TableEntry(list(check.rpy_deg), f"gravity: the model leaves {shares}")
+        belief.poses[BASE] = ColumnGroup(BASE, {"rpy_deg": orientation})
         belief.mechanism = belief.mechanism.mounted(check.rpy_deg)
 
 
-def check_wrenches_and_torques(belief: Belief, limit: int, *, axes: bool) -> None:
-    """Reads the log by the belief, and sets units, signs, axes and gains of wrenches and torques by the model.
-
-    Args:
-        belief: The belief; units, signs and axes of wrenches and gains of torques are set.
-        limit: Bytes that an archive may take in memory.
-        axes: True if signs and axes of wrenches are checked.
-    """
+def check_wrenches_and_torques(belief: Belief, limit: int) -> None:
+    """Reads the log by the belief, and sets units, signs, axes and gains of wrenches and torques by the model."""
     if not (belief.outer or belief.of("torque")):
         return
     try:
         log = _read(belief, limit)
         if belief.outer and np.isfinite(log.wrench).any():
-            if _set_units(belief, log):
+            if set_units_of_wrenches(belief, log):
                 log = _read(belief, limit)
-            if axes:
+            if belief.can_predict and not belief.sign_undecided:
                 set_axes(belief, log)
         _set_gains(belief, log)
     except InputError as error:
@@ -168,19 +149,6 @@ def _read(belief: Belief, limit: int) -> Prepared:
     mapping = tomllib.loads(toml_text(replace(belief, groups=belief.outer)))
     recording = read_log(belief.log.path, belief.mechanism, mapping, gaps=True, limit=limit)
     return prepared(belief.mechanism, recording, cutoff="auto", name=str(belief.log.path))
-
-
-def _set_units(belief: Belief, log: Prepared) -> bool:
-    """Sets unknown units of forces and moments by their size, and returns True if one is not the SI unit."""
-    predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame)
-    there, changed = np.stack([predicted[c] for c in COMPONENTS], axis=1), False
-    for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
-        measured = log.wrench[:, part]
-        known = np.isfinite(measured).all(axis=0)
-        if known.any() and np.ptp(there[:, part][:, known]):
-            ratio = size_ratio(measured[:, known], there[:, part][:, known])
-            changed |= set_unit(belief, belief.outer.values(), kind, ratio)
-    return changed
 
 
 class Gain(NamedTuple):
@@ -212,22 +180,22 @@ def _set_gains(belief: Belief, log: Prepared) -> None:
             gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
             share = f"beside friction and rotor the model explains {100 * gains[joint].alike:.0f} % of it"
             torques[joint].why.append(share)
-    _set_units_of_torques(belief, {joint: torques[joint] for joint in gains}, gains)
+    _set_units_of_torques(belief, gains)
 
 
-def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains: Mapping[str, Gain]) -> None:
+def _set_units_of_torques(belief: Belief, gains: Mapping[str, Gain]) -> None:
     """Sets units and signs of torques, and gains of currents and of torques without a unit, none of the model's size.
 
     The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
     model's size, one that has not is due to another body.
     """
-    log, ratios, stated = belief.log, dict[str, float](), dict[str, str]()
-    for joint, x in torques.items():
-        units = UNITS[f"{belief.kinds[joint]} torque"]
+    log, torques, ratios, stated = belief.log, belief.of("torque"), dict[str, float](), dict[str, str]()
+    for joint, gain in gains.items():
+        x, units = torques[joint], UNITS[f"{belief.kinds[joint]} torque"]
         stated[joint] = x.unit if x.is_current else belief.stated(x) or log.units.get(x.column, "")
         x.unit = "" if x.column in log.units and not x.is_current else stated[joint] or next(iter(units))
-        if gains[joint].alike > ALIKE:
-            ratios[joint] = gains[joint].gain / units.get(x.unit, 1.0)
+        if gain.alike > ALIKE:
+            ratios[joint] = gain.gain / units.get(x.unit, 1.0)
         else:
             x.why.append("sign and gain cannot be determined")
             x.sure = DOUBTFUL if x.is_current else x.sure
