@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.files import markers as trc
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
 from ident.files.csv_file import Layout, csv_pieces, storage_tables, write_csv
-from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet, trc
+from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet
 from ident.files.limits import LIMIT
 from ident.files.markers import Markers
 from ident.files.npz import npz_pieces, write_npz

@@ -19,7 +19,7 @@ from ident.geometry.se3 import applied, coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
 from ident.recordings.faults import running_median, runs
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.trajectory.angles_alone import smoothed
 

@@ -16,11 +16,9 @@ from ident.geometry.se3 import without_jumps
 from ident.recordings.columns.mapping import STATED, ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.plausibility import turns_of, with_continuous_angles
-from ident.recordings.sampled import AS_MEASURED
-from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
-from ident.recordings.stated import TRACKED
-from ident.recordings.times import POSES
+from ident.recordings.stated import TRACKED, annotations
+from ident.recordings.times import AS_MEASURED, POSES
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 

@@ -24,11 +24,10 @@ from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds,
 from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force, with_servos
 from ident.recordings.recording import Recording, poses
-from ident.recordings.sampled import Sampled
-from ident.recordings.saved import annotations
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
+from ident.recordings.stated import annotations
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import misspelt
 

@@ -13,8 +13,8 @@ from ident.files.table import Table, short
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled
 from ident.recordings.stated import Servo, model_servo
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.tolerances import KILONEWTONS, TURNS
 

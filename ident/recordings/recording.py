@@ -21,9 +21,8 @@ from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
-from ident.recordings import saved
-from ident.recordings.sampled import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
-from ident.recordings.stated import Servo, Tracker
+from ident.recordings.stated import Servo, Tracker, load, save
+from ident.recordings.times import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:
@@ -328,7 +327,7 @@ class Recording(Brief):
             LogError: A channel has a name that a file cannot hold, or the file another suffix.
             InputError: The folder does not exist.
         """
-        saved.save(checked_path("path", path), vars(self))
+        save(checked_path("path", path), vars(self))
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
@@ -361,7 +360,7 @@ class Recording(Brief):
             raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
         file = checked_path("path", path)
         try:
-            for fields in saved.load(file, samples, limit=limit):
+            for fields in load(file, samples, limit=limit):
                 yield cls(**fields)
         except (LogError, OSError) as error:
             raise LogError(f"{path}: {error}", file) from error

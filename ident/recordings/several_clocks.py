@@ -16,9 +16,18 @@ from ident.files.selection import EPOCH, counted, selected
 from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
-from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.stated import untracked
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
+from ident.recordings.times import (
+    LEAST_SAMPLES,
+    Clock,
+    Repaired,
+    Sampled,
+    check_jumps,
+    increasing,
+    interpolated,
+    rate_of,
+    uniform_times,
+)
 
 TIME = "time"
 """Column of every table's own times, s."""

@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.plates import Plate
 from ident.recordings.faults import runs
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
 
 CLOSE = 1.5

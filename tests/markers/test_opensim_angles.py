@@ -8,8 +8,8 @@ from opensim_walker import PLANAR, leg, motion, trial
 from experiments.angles import main
 from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
-from sim.markers.frame_fit import Kinematics
 from sim.markers.marked_model import marked_model
+from sim.markers.trial_fit import Kinematics
 
 
 @pytest.fixture(scope="module")

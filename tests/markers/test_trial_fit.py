@@ -8,11 +8,10 @@ import pytest
 from marked import errors, labels_of, marked_person, trial
 
 from ident.errors import InputError, ModelError
-from sim.markers.frame_fit import Kinematics
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import base_of, marked_model
 from sim.markers.model_files import write_scaled
-from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 
 FRAMES = 60

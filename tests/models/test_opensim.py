@@ -26,7 +26,7 @@ import sim
 from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.notes import ModelNote
-from sim.models.opensim.functions import CLOSE, curve
+from sim.models.opensim.elements import CLOSE, curve
 
 DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]

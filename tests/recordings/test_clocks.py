@@ -10,7 +10,7 @@ from written_formats import DEG, write_csv, write_mot
 import ident
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.sampled import Sampled, side_by_side
+from ident.recordings.times import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 

@@ -14,8 +14,7 @@ from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree
 from sim.models.notes import body_name
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
 from sim.simulation.readings import COMMAND, ONE_DOF, STATE, sensors
-from sim.simulation.servos import moved_by, servos
-from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, simulate, simulate_many
+from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, moved_by, servos, simulate, simulate_many
 
 
 @pytest.fixture(scope="module")

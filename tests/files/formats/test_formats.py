@@ -6,7 +6,7 @@ from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 from ident.errors import LogError
-from ident.files.formats import trc
+from ident.files import markers as trc
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
