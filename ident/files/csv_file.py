@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import chain, count, islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,10 +49,12 @@ class _Counted(io.RawIOBase):
 
 
 class Text(io.TextIOWrapper):
-    """Lines of a text that is read in pieces."""
+    """A text that is read in pieces, of which each may take so many bytes."""
 
-    path: Path
-    limit: int
+    def __init__(self, buffer: io.BufferedReader, path: Path, limit: int) -> None:
+        utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        super().__init__(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
+        self.path, self.limit = path, limit
 
     def begin_piece(self) -> None:
         """Resets the count of unpacked bytes at the start of a piece."""
@@ -62,19 +64,6 @@ class Text(io.TextIOWrapper):
     def check_size(self, size: int) -> None:
         """Refuses a size in bytes above the limit, as `limits.check_size`."""
         check_size(self.path, size, self.limit)
-
-    def whole_lines(self) -> Iterator[str]:
-        """Its lines.
-
-        Raises:
-            LogError: One is longer than any row of a log.
-        """
-        for number in count(1):
-            if not (line := self.readline(LONGEST + 1)):
-                return
-            if len(line) > LONGEST:
-                raise LogError(f"row {number} is longer than {LONGEST} characters, which no row of a log is.")
-            yield line
 
 
 @contextmanager
@@ -90,64 +79,25 @@ def opened_text(path: Path, limit: int = LIMIT) -> Iterator[Text]:
     """
     if path.suffix.lower() != ".gz":
         with path.open("rb") as stream:
-            yield _text(stream, path, limit)
+            yield Text(stream, path, limit)
         return
     try:
         with gzip.open(path) as packed:
-            yield _text(io.BufferedReader(_Counted(packed, path, limit)), path, limit)
+            yield Text(io.BufferedReader(_Counted(packed, path, limit)), path, limit)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(f"the file needs to be packed by gzip, whole and undamaged ({error}).") from None
 
 
-def _text(buffer: io.BufferedReader, path: Path, limit: int) -> Text:
-    utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    text = Text(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
-    text.path, text.limit = path, limit
-    return text
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Some rows of a text.
-
-    Attributes:
-        rows: Number of each in the file (N,).
-        cells: Columns by name, numbers or text (N,) each.
-        size: Bytes that they take.
-    """
-
-    rows: np.ndarray
-    cells: Mapping[str, Cells]
-    size: int
-
-    @classmethod
-    def of(cls, rows: Sequence[int], cells: Mapping[str, Cells], memory: Memory, decimal_comma: bool) -> "Block":
-        """Parses columns into numbers where possible, and records their decimal separators in `memory`."""
-        numbers = {name: _numbers(name, column, memory, decimal_comma) for name, column in cells.items()}
-        size = NUMBER * len(rows) * (1 + len(cells))
-        size += sum(sum(TEXT + len(text) for text in {*x}) for x in numbers.values() if not isinstance(x, np.ndarray))
-        return cls(np.asarray(rows), numbers, size)
-
-    @classmethod
-    def joined(cls, blocks: Sequence["Block"]) -> "Block":
-        """Rows of several blocks in one; columns that are text in any of them become text."""
-        cells = {name: _joined([block.cells[name] for block in blocks]) for name in blocks[0].cells}
-        return cls(np.concatenate([block.rows for block in blocks]), cells, sum(block.size for block in blocks))
-
-    def last(self, number: int) -> "Block":
-        """The last rows."""
-        first = max(0, len(self.rows) - number)
-        return Block(self.rows[first:], {name: x[first:] for name, x in self.cells.items()}, 0)
-
-
 def _numbers(name: str, cells: Cells, memory: Memory, decimal_comma: bool) -> Cells:
-    """A column as numbers if all of its cells are numbers or empty, else as text with equal strings stored once."""
+    """A column as numbers if all of its cells are numbers or empty, else as text with equal strings stored once.
+
+    Its decimal separators are kept in `memory`.
+    """
+    marks = memory.marks.setdefault(name, set()) if decimal_comma else set()
     if isinstance(cells, np.ndarray):
-        if decimal_comma and (np.abs(np.modf(cells)[0]) > 0).any():
-            memory.marks.setdefault(name, set()).add(".")
+        marks |= {"."} if decimal_comma and (np.abs(np.modf(cells)[0]) > 0).any() else set()
         return cells.copy()
-    if decimal_comma:
-        memory.marks.setdefault(name, set()).update(mark for mark in ",." if any(mark in cell for cell in cells))
+    marks |= {mark for mark in ",." if any(mark in cell for cell in cells)}
     with suppress(ValueError):
         return np.array([number_of(cell, decimal_comma) for cell in cells])
     known: dict[str, str] = {}
@@ -155,15 +105,21 @@ def _numbers(name: str, cells: Cells, memory: Memory, decimal_comma: bool) -> Ce
 
 
 def _joined(parts: Sequence[Cells]) -> Cells:
+    """Parts of a column as one, which is text if any of them is."""
     if all(isinstance(part, np.ndarray) for part in parts):
         return np.concatenate(parts)
     known: dict[str, str] = {}
-    texts = (_texts(part) if isinstance(part, np.ndarray) else part for part in parts)
+    texts = (
+        ["" if np.isnan(x) else repr(x) for x in part.tolist()] if isinstance(part, np.ndarray) else part
+        for part in parts
+    )
     return [known.setdefault(text, text) for part in texts for text in part]
 
 
-def _texts(numbers: np.ndarray) -> list[str]:
-    return ["" if np.isnan(x) else repr(x) for x in numbers.tolist()]
+def _size(cells: Mapping[str, Cells], rows: int) -> int:
+    """Bytes that rows take, with their numbers."""
+    texts = sum(sum(TEXT + len(text) for text in {*x}) for x in cells.values() if not isinstance(x, np.ndarray))
+    return NUMBER * rows * (1 + len(cells)) + texts
 
 
 DELIMITERS = ";\t,"
@@ -253,30 +209,35 @@ def tables_of_lines(
     cells = next(_rows([(first, line)], delimiter))
     names = _header(first, cells) if header else [str(k + 1) for k in range(len(cells))]
     lines = lines if header else chain([(first, line)], lines)
-    memory, kept = Memory(), list[Block]()
+    commas, memory, kept = delimiter != ",", Memory(), list[tuple[np.ndarray, Mapping[str, Cells]]]()
     while True:
-        blocks, size, left = [*kept], sum(block.size for block in kept), samples
+        blocks, size, left = [*kept], 0, samples
         while left and (new := list(islice(lines, min(left, BLOCK)))):
             columns = zip(names, _cells(new, names, delimiter), strict=True)
-            named = {name: column for name, column in columns if name}
-            blocks.append(Block.of([row for row, _ in new], named, memory, delimiter != ","))
-            size, left = size + blocks[-1].size, left - len(new)
+            cells = {name: _numbers(name, column, memory, commas) for name, column in columns if name}
+            blocks.append((np.array([row for row, _ in new]), cells))
+            size, left = size + _size(cells, len(new)), left - len(new)
             text.check_size(size)
         if left == samples:
             return
-        piece = Block.joined(blocks)
-        yield Table(piece.cells, piece.rows, "row", metadata, memory, delimiter != ",")
-        kept = [piece.last(overlap)] if overlap else []
+        rows = np.concatenate([rows for rows, _ in blocks])
+        cells = {name: _joined([own[name] for _, own in blocks]) for name in blocks[0][1]}
+        yield Table(cells, rows, "row", metadata, memory, commas)
+        kept = [(rows[-overlap:], {name: x[-overlap:] for name, x in cells.items()})] if overlap else []
 
 
 def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
     """Lines of a text that are not blank, after the first `skip`.
 
     Raises:
-        LogError: The text is not in UTF-8.
+        LogError: The text is not in UTF-8, or a line is longer than any row of a log.
     """
+    number = 0
     try:
-        for number, line in enumerate(text.whole_lines(), start=1):
+        while line := text.readline(LONGEST + 1):
+            number += 1
+            if len(line) > LONGEST:
+                raise LogError(f"row {number} is longer than {LONGEST} characters, which no row of a log is.")
             if number > skip and line.strip(' "\n' + DELIMITERS):
                 yield number, line
     except UnicodeDecodeError as error:

@@ -89,18 +89,21 @@ class Table:
         """Names of the file's columns, for messages."""
         return f"the {self.origin} has {listed(self.cells)}"
 
-    def column(self, name: str, limit: float = np.inf, *, gaps: bool = False) -> np.ndarray:
+    def column(self, name: str, limit: float = np.inf, *, gaps: bool = False, tame: bool = False) -> np.ndarray:
         """Numbers of a column (N,), all NaN or none unless some may be missing.
 
         Args:
             name: Name of the column, of the file or of a sum.
             limit: Largest number that is accepted.
             gaps: True if some may be missing.
+            tame: True to take infinite and too large ones for missing ones.
 
         Raises:
             LogError: A cell is no number, empty, infinite or too large; the message names it.
         """
         x = self._numbers(name)
+        if tame:
+            x = np.where(np.abs(x) <= limit, x, np.nan)
         if (np.abs(x) <= min(limit, np.finfo(float).max)).all() and not self.memory.missing.setdefault(name, False):
             return x
         infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
@@ -125,7 +128,7 @@ class Table:
             return self.sums[name].of(parts, len(self.rows))
         cells = self.cells[name]
         if self.decimal_comma:
-            self._check_separators(name, cells)
+            self._check_separators(name)
         if isinstance(cells, np.ndarray):
             return cells
         return np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
@@ -151,16 +154,10 @@ class Table:
             groups.setdefault(name, {})[suffix] = self.column(column)
         return {name: _channel(name, group) for name, group in groups.items()}
 
-    def _check_separators(self, name: str, cells: Sequence[str] | np.ndarray) -> None:
-        """Refuses files with decimal commas and points; numbers with fractions that are parsed already had points."""
+    def _check_separators(self, name: str) -> None:
+        """Refuses files with decimal commas and points."""
         known = self.memory.separators
-        if name in self.memory.marks:
-            marks = "".join(sorted(self.memory.marks[name]))
-        elif isinstance(cells, np.ndarray):
-            marks = "." if (np.abs(np.modf(cells)[0]) > 0).any() else ""
-        else:
-            marks = "".join(mark for mark in ",." if any(mark in cell for cell in cells))
-        for mark in marks:
+        for mark in sorted(self.memory.marks.get(name, ())):
             known.setdefault(mark, name)
         if len(known) == 2:
             raise LogError(

@@ -92,7 +92,6 @@ def with_continuous_angles(table: Table, turns: Mapping[str, Sequence[float]], n
                 cells[name] = out + ends.get(name, 0.0)
                 gone = (cells[name] - x)[np.isfinite(x)]
                 ends[name] = float(gone[-1]) if len(gone) else ends[name]
-                table.memory.marks.setdefault(name, set())
     return replace(table, cells=cells)
 
 
