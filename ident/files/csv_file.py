@@ -206,8 +206,8 @@ def tables_of_lines(
     else:
         raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
     delimiter = _delimiter(line)
-    cells = next(_rows([(first, line)], delimiter))
-    names = _header(first, cells) if header else [str(k + 1) for k in range(len(cells))]
+    begin = next(_rows([(first, line)], delimiter))
+    names = _header(first, begin) if header else [str(k + 1) for k in range(len(begin))]
     lines = lines if header else chain([(first, line)], lines)
     commas, memory, kept = delimiter != ",", Memory(), list[tuple[np.ndarray, Mapping[str, Cells]]]()
     while True:

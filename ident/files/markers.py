@@ -100,16 +100,7 @@ Row = tuple[int, list[str]]
 """Cells of a row, with its number from 1."""
 
 
-def tables(path: Path, limit: int) -> list[Table]:
-    """The table of the markers' positions.
-
-    Raises:
-        LogError: The file is malformed.
-    """
-    return [markers(path, limit).table]
-
-
-def markers(path: Path, limit: int) -> Markers:
+def trc_markers(path: Path, limit: int) -> Markers:
     """Positions of the markers of a `.trc` file.
 
     A marker is missing where its cells are empty, NaN, or all three zero, as some programs write.

@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os.path import realpath
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.csv_file import Layout
-from ident.files.readers import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
+from ident.files.readers import TEXT, has_several_clocks, is_bag, is_log, read_clocks, read_tables
 from ident.files.selection import EPOCH, counted, selected
 from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
@@ -214,7 +215,7 @@ def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> li
     """Tables of one of the files."""
     if is_bag(file):
         raise LogError("a bag counts its times from its first message; it cannot be put together with other files.")
-    if file.suffix.lower() in SEVERAL_CLOCKS:
+    if has_several_clocks(file):
         return read_clocks(file, limit=limit)
     pieces = list(read_tables(file, limit=limit, layout=layout))
     if not pieces:
@@ -246,18 +247,11 @@ def _apart(files: Sequence[Sequence[Table]]) -> list[list[Table]]:
     """The tables, with the file's number in the names of columns that several files have."""
     count = Counter(name for tables in files for name in {name for table in tables for name in table.cells})
 
-    def own(number: int, name: str) -> str:
-        return f"{number}:{name}" if count[name] > 1 and name != TIME else name
+    def own(number: int, columns: Mapping[str, Any]) -> dict[str, Any]:
+        return {f"{number}:{name}" if count[name] > 1 and name != TIME else name: x for name, x in columns.items()}
 
     return [
-        [
-            replace(
-                table,
-                cells={own(k, name): x for name, x in table.cells.items()},
-                units={own(k, name): unit for name, unit in table.units.items()},
-            )
-            for table in tables
-        ]
+        [replace(table, cells=own(k, table.cells), units=own(k, table.units)) for table in tables]
         for k, tables in enumerate(files, start=1)
     ]
 

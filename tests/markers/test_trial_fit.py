@@ -11,7 +11,7 @@ from ident.errors import InputError, ModelError
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import base_of, marked_model
 from sim.markers.model_files import write_scaled
-from sim.markers.trial_fit import Kinematics, fit_trial
+from sim.markers.trial_fit import fit_trial
 from sim.markers.trial_recording import recording, swaps
 
 FRAMES = 60
@@ -33,16 +33,6 @@ def noisy(x, seed, std=0.002):
 def chi_squared(marked, postures, qpos):
     e = errors(marked.model, postures.qpos, qpos)
     return np.einsum("ni,nij,nj->n", e, np.linalg.inv(postures.covariance), e), e / postures.std
-
-
-def test_jacobians_are_those_of_finite_differences(person):
-    marked, _, qpos, _ = person
-    kinematics, h = Kinematics(marked), 1e-6
-    kinematics.positions(qpos[7])
-    J = kinematics.jacobian().copy()
-    for k, direction in enumerate(np.eye(len(marked.dofs))):
-        ahead, behind = (kinematics.positions(kinematics.moved(qpos[7], s * h * direction)) for s in (1, -1))
-        np.testing.assert_allclose(J[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
 
 
 def test_without_noise_angles_are_exact_though_nothing_is_known_of_the_first_posture(person):

@@ -32,13 +32,6 @@ def arm(elbow="", actuators="", **options):
     return mechanism(mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow, actuators=actuators)), **options)
 
 
-def test_a_spring_with_a_time_constant_is_what_the_compiler_makes_of_it():
-    model = mujoco.MjModel.from_xml_string(ARM.format(elbow='springdamper=".1 1"', actuators=""))
-    drive = mechanism(model).drives["elbow"]
-    assert drive.stiffness == model.jnt_stiffness[1] > 0
-    assert drive.viscous == model.dof_damping[1] > 0.5
-
-
 def test_actuators_have_their_gear_and_gains():
     actuators = """
     <motor name="m" class="geared" joint="elbow" forcerange="-2 3"/>

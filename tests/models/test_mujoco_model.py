@@ -6,12 +6,7 @@ from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import mechanism
-from sim.models.mujoco_model import (
-    gravity_in_base,
-    mechanism_bodies,
-    parameters_from_model,
-    tree_from_model,
-)
+from sim.models.mujoco_model import gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
 

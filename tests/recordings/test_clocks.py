@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from guesses.odd_logs import arm, recording
-from malformed_logs import PLAIN, N, Q, T, text
-from test_log import read
+from malformed_logs import PLAIN, N, Q, T, read, text
 from written_formats import DEG, write_csv, write_mot
 
 import ident
@@ -43,22 +42,14 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
 @pytest.mark.parametrize(
     ("streams", "options", "message"),
     [
-        (
-            {"a": (T, T[1:])},
-            {},
-            r"needs times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)",
-        ),
+        ({"a": (T, T[1:])}, {}, r"needs times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)"),
         ({"a": (T[:0], T[:0])}, {}, "stream 'a' needs times"),
         ({"a": T}, {}, "stream 'a' needs a pair of times and values"),
         ({"a": (T, ["x"] * N)}, {}, "stream 'a' needs a pair of times and values"),
         ({"a": (T[::-1], T)}, {}, "times of the stream 'a' must increase; sample 1 does not"),
         ({"a": (np.where(T > 0.2, np.nan, T), T)}, {}, "times of the stream 'a' need finite numbers"),
         ({"a": (T, np.where(T > 0.2, np.inf, T))}, {}, "stream 'a' needs numbers, NaN for a missing one"),
-        (
-            {"base:pose": (T, slow(T))},
-            {},
-            r"stream 'base:pose' needs rigid poses \(N, 16\), .* got shape \(40, 3\)",
-        ),
+        ({"base:pose": (T, slow(T))}, {}, r"stream 'base:pose' needs rigid poses \(N, 16\), .* got shape \(40, 3\)"),
         ({"base:pose": (T, np.ones((N, 16)))}, {}, "needs rigid poses"),
         ({"a": (T, T)}, {}, "Streams without joint positions need a rate"),
         ({"a": (T, T)}, {"rate": -1.0}, r"need a positive rate in Hz .*, got -1\.0"),

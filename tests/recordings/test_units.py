@@ -107,12 +107,7 @@ def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, t
 
 @pytest.mark.parametrize(
     "x",
-    [
-        WRAPPED,
-        np.where(TIME < 4, 0.0, 5.5),
-        np.where(np.abs(TIME - 4) < 0.004, WRAPPED + 6.28, WRAPPED),
-        10 * WRAPPED,
-    ],
+    [WRAPPED, np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, WRAPPED + 6.28, WRAPPED), 10 * WRAPPED],
     ids=["no jump", "a step", "a spike", "several turns"],
 )
 def test_what_is_no_wrapped_angle_is_unchanged(x):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from malformed_logs import JOINTS, PLAIN, WRENCH, N, Q, T
+from malformed_logs import JOINTS, LEG, PLAIN, WRENCH, N, Q, T
 from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 from ident.errors import InputError, LogError
@@ -15,10 +15,7 @@ from ident.recordings.log import read_log
 
 pytestmark = pytest.mark.extras
 
-MECHANISM = Mechanism(
-    Tree(tuple(Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso")))),
-    np.array([0, 0, -9.81]),
-)
+
 EXTRAS = {"parquet": ("pyarrow", "parquet"), "c3d": ("ezc3d", "c3d")}
 EXTRAS |= dict.fromkeys(("bag", "mcap", "db3"), ("rosbags", "ros"))
 
@@ -55,7 +52,7 @@ def refusal(path, mapping=None):
         columns = path.with_name("c.toml")
         columns.write_text(mapping)
     with pytest.raises(LogError) as error:
-        read_log(path, MECHANISM, columns)
+        read_log(path, LEG, columns)
     sentence = str(error.value)
     assert sentence.startswith(f"{path}: ") and "\n" not in sentence and len(sentence) < 500
     return sentence
@@ -109,7 +106,7 @@ def test_any_file_is_read_or_refused(tmp_path, kind, damages):
         data[at : at + {"s": len(new), "d": 7 * len(new), "i": 0}[how]] = b"" if how == "d" else new
     path.write_bytes(data)
     try:
-        read_log(path, MECHANISM)
+        read_log(path, LEG)
     except InputError as error:
         assert "\n" not in str(error)
 

@@ -2,30 +2,19 @@
 
 import numpy as np
 import pytest
-from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
+from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, LEG, PLAIN, WRENCH, N, Q, T
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 from ident.errors import LogError
-from ident.files import markers as trc
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
+from ident.files.markers import trc_markers
 from ident.recordings.log import read_log, read_log_pieces
 
 pytestmark = pytest.mark.extras
 
-AXES = {"hinge": np.eye(6)[4], "slide": np.eye(6)[1]}
+
 COLUMNS = PLAIN | {f"dq_{joint}": DQ[:, k] for k, joint in enumerate(JOINTS)} | GROUND_COLUMNS
 FAST = np.repeat(WRENCH, 5, axis=0)
 FAST_TIME = np.arange(5 * N) / 500
-
-
-def mechanism(kind="hinge"):
-    bodies = [Body(name, k - 1, np.eye(4), AXES[kind], JOINTS[k]) for k, name in enumerate(("leg", "torso"))]
-    return Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
-
-
-MECHANISM = mechanism()
 
 
 def in_degrees():
@@ -34,7 +23,7 @@ def in_degrees():
 
 def same_as_csv(tmp_path, log):
     write_csv(tmp_path / "same.csv", COLUMNS)
-    expected = read_log(tmp_path / "same.csv", MECHANISM)
+    expected = read_log(tmp_path / "same.csv", LEG)
     assert log.measured.keys() == expected.measured.keys()
     for name, x in expected.measured.items():
         np.testing.assert_allclose(log[name], x, rtol=1e-12, atol=1e-12)
@@ -45,36 +34,36 @@ def same_as_csv(tmp_path, log):
 @pytest.mark.parametrize("degrees", ["yes", "no"])
 def test_a_motion_file_knows_its_degrees(tmp_path, suffix, degrees):
     write_mot(tmp_path / f"log.{suffix}", in_degrees() if degrees == "yes" else COLUMNS, degrees)
-    log = read_log(tmp_path / f"log.{suffix}", MECHANISM)
+    log = read_log(tmp_path / f"log.{suffix}", LEG)
     same_as_csv(tmp_path, log)
     assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
-    pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", MECHANISM, None, 13))
+    pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", LEG, None, 13))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T, atol=1e-12)
 
 
 def test_matlab_arrays_and_structures(tmp_path):
     others = {"gains": np.eye(3), "name": "arm", "k": 3.0, "wrench": {"F": WRENCH[:, :3].T, "M": WRENCH[:, 3:]}}
     write_mat(tmp_path / "log.mat", COLUMNS, **others)
-    log = read_log(tmp_path / "log.mat", MECHANISM)
+    log = read_log(tmp_path / "log.mat", LEG)
     same_as_csv(tmp_path, log)
     assert log.unused == [f"wrench.{what}.{axis}" for what in "FM" for axis in "xyz"]
     (tmp_path / "c.toml").write_text('[wrenches.ground]\nforce = ["wrench.F.x", "wrench.F.y", "wrench.F.z"]')
-    log = read_log(tmp_path / "log.mat", MECHANISM, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.mat", LEG, tmp_path / "c.toml")
     np.testing.assert_array_equal(log["ground_force"], WRENCH[:, :3])
 
 
 def test_parquet(tmp_path):
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
     write_parquet(tmp_path / "log.parquet", {**COLUMNS, "remark": ["x"] * N})
-    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
     stamps = pyarrow.array(1_700_000_000_123_456_789 + np.round(1e9 * T).astype(int), pyarrow.timestamp("ns"))
     force = pyarrow.FixedSizeListArray.from_arrays(WRENCH[:, :3].ravel(), 3)
     columns = {name: x for name, x in COLUMNS.items() if name[:8] != "ground_f"}
     write_parquet(tmp_path / "log.parquet", {**columns, "time": stamps, "ground_force": force})
-    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
     (tmp_path / "c.toml").write_text('time = { column = "time", unit = "ms" }')
     with pytest.raises(LogError, match="time is mapped in another unit than the file's, which says s"):
-        read_log(tmp_path / "log.parquet", MECHANISM, tmp_path / "c.toml")
+        read_log(tmp_path / "log.parquet", LEG, tmp_path / "c.toml")
 
 
 C3D = """
@@ -97,7 +86,7 @@ def test_c3d_has_a_platform_at_its_own_rate(tmp_path):
     pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
     write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS, {"emg": FAST_TIME})
     (tmp_path / "c.toml").write_text(C3D)
-    log = read_log(tmp_path / "log.c3d", MECHANISM, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.c3d", LEG, tmp_path / "c.toml")
     np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, atol=1e-6)
     force, torque = (log.as_measured(f"ground_{kind}") for kind in ("force", "torque"))
     np.testing.assert_allclose(force.time, FAST_TIME, atol=1e-12)
@@ -112,12 +101,12 @@ def test_markers_of_a_trc_file(tmp_path, units):
     toe[5:9] = np.nan
     toe[-1] = np.nan
     write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units=units)
-    markers = trc.markers(tmp_path / "log.trc", 10**9)
+    markers = trc_markers(tmp_path / "log.trc", 10**9)
     assert markers.labels == ("HEEL", "TOE")
     np.testing.assert_allclose(markers.time, T, atol=1e-9)
     np.testing.assert_allclose(markers.positions, np.stack([heel, toe], axis=1), atol=1e-9)
     with pytest.raises(LogError, match=r"joint 'ankle' needs a column .* the file has time, HEEL\.x"):
-        read_log(tmp_path / "log.trc", MECHANISM)
+        read_log(tmp_path / "log.trc", LEG)
 
 
 def joint_states(names=("hip", "ankle")):
@@ -136,7 +125,7 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
     late = FAST_TIME + 0.0013
     topics = {"/joint_states": (T, joint_states()), "/ground": (late, FAST), "/x": (T, Q)}
     write_bag(tmp_path / name.partition("/")[0], topics, stamped=stamped)
-    log = read_log(tmp_path / name, MECHANISM)
+    log = read_log(tmp_path / name, LEG)
     for k, joint in enumerate(JOINTS):
         np.testing.assert_allclose(log.as_measured(f"{joint}_position").time, T, atol=1e-8)
         np.testing.assert_array_equal(log.as_measured(f"{joint}_position").values, Q[:, k])
@@ -160,10 +149,7 @@ CONTRADICTIONS = {
         '[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]',
         "wrenches.ground.force needs columns of the same times, 'ground_force.x' and 'x.0' have times of their own",
     ),
-    "no column": (
-        '[joints.hip]\nposition = "knee"',
-        "joints.hip.position is mapped to column 'knee', but the",
-    ),
+    "no column": ('[joints.hip]\nposition = "knee"', "joints.hip.position is mapped to column 'knee', but the"),
     "no time": ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6"),
 }
 
@@ -174,5 +160,5 @@ def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
     write_bag(tmp_path / "log.bag", {"/j": (T, joint_states()), "/ground": (FAST_TIME, FAST), "/x": (T, Q)})
     (tmp_path / "c.toml").write_text(mapping)
     with pytest.raises(LogError) as error:
-        read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
+        read_log(tmp_path / "log.bag", LEG, tmp_path / "c.toml")
     assert message in str(error.value) and "\n" not in str(error.value)

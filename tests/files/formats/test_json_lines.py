@@ -5,18 +5,11 @@ import json
 
 import numpy as np
 import pytest
-from malformed_logs import N, Q, T
+from malformed_logs import JOINTS, LEG, N, Q, T
 
 from ident.errors import LogError
 from ident.files.readers import read_tables
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
-
-JOINTS = Mechanism(
-    Tree(tuple(Body(f"b{k}", k - 1, np.eye(4), np.eye(6)[4], f"j{k}") for k in range(2))), np.array([0, 0, -9.81])
-)
 
 
 def lines(n=N):
@@ -50,9 +43,9 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
         *("time", "q.0", "q.1", "e.0", "e.1", "ft.F.x", "ft.F.y", "ft.F.z", "ft.M.x", "ft.M.y", "ft.M.z", "mode", "on")
     ]
     np.testing.assert_array_equal(np.stack([columns["q.0"], columns["q.1"]], axis=1), Q)
-    mapping = {"joints": {f"j{k}": {"position": f"q.{k}", "torque": f"e.{k}"} for k in range(2)}}
-    log = read_log(path, JOINTS, mapping)
-    np.testing.assert_array_equal(log.of_joints(("j0", "j1"), "torque"), 2 * Q)
+    mapping = {"joints": {x: {"position": f"q.{k}", "torque": f"e.{k}"} for k, x in enumerate(JOINTS)}}
+    log = read_log(path, LEG, mapping)
+    np.testing.assert_array_equal(log.of_joints(JOINTS, "torque"), 2 * Q)
     np.testing.assert_allclose(log.time, T, atol=1e-12)
 
 
@@ -77,5 +70,5 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
 def test_errors_name_the_row(tmp_path, change, message):
     path = written(tmp_path / "log.jsonl", change(lines()))
     with pytest.raises(LogError, match=message) as raised:
-        read_log(path, JOINTS, {"joints": {f"j{k}": {"position": f"q.{k}"} for k in range(2)}})
+        read_log(path, LEG, {"joints": {x: {"position": f"q.{k}"} for k, x in enumerate(JOINTS)}})
     assert "\n" not in str(raised.value)
