@@ -1,5 +1,7 @@
 """Each format damaged in ten ways and more: always one sentence, and never another error."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -140,22 +142,28 @@ def test_damaged_motion_files(tmp_path, damage, message):
     assert message in refusal(tmp_path / "log.mot")
 
 
+def sixth(x, y):
+    """The first marker at another place in the sixth frame."""
+    return lambda text: re.sub(r"(\n6\t0\.05\t)[^\t]*\t[^\t]*", rf"\g<1>{x}\t{y}", text)
+
+
 TRC = {
     "no markers' file": (changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
     "no unit": (changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
-    "feet": (
-        changed("\tmm\t", "\tft\t"),
-        "Units need to be one of m, cm, mm, meters, centimeters, millimeters; got ft",
-    ),
-    "zero rate": (changed("100.0\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
-    "rate of no number": (changed("100.0\t", "fast\t"), "row 3 needs finite numbers, got 'fast'"),
-    "another rate": (changed("100.0\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
+    "feet": (changed("\tmm", "\tft"), "need to be one of m, cm, mm, meters, centimeters, millimeters; got ft"),
+    "zero rate": (changed("100\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
+    "rate of no number": (changed("100\t", "fast\t"), "row 3 needs finite numbers, got 'fast'"),
+    "another rate": (changed("100\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
     "more frames": (changed("\t40\t", "\t41\t"), "promises 41 as NumFrames, the file has 40"),
     "more markers": (changed("\t2\tmm", "\t3\tmm"), "promises 3 as NumMarkers, the file has 2"),
     "labels twice": (changed("ankle", "hip"), "markers need different labels, 'hip' is given to more than one"),
-    "a word": (changed("\t0.050000\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
-    "no time": (changed("\t0.050000\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
-    "a long row": (changed("\t0.050000\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
+    "a word": (changed("\t0.05\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
+    "no frames": (changed("Frame#", "Image"), "row 4 of a .trc file begins with Frame# and Time, got 'Image'"),
+    "infinite": (changed("\t0.05\t", "\tinf\t"), "row 12 needs finite numbers, got 'inf'"),
+    "half a marker": (sixth("1", ""), "frame 6: marker 'ankle' has some of x, y and z only"),
+    "far away": (sixth("9e30", "0"), "frame 6: marker 'ankle' needs positions below"),
+    "no time": (changed("\t0.05\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
+    "a long row": (changed("\t0.05\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
 }
 
 

@@ -100,7 +100,7 @@ def test_markers_of_a_trc_file(tmp_path, units):
     heel, toe = np.stack([T, 1 + T, 2 - T], axis=1), np.stack([T, T, 1 + T], axis=1)
     toe[5:9] = np.nan
     toe[-1] = np.nan
-    write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units=units)
+    write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units)
     markers = trc_markers(tmp_path / "log.trc", 10**9)
     assert markers.labels == ("HEEL", "TOE")
     np.testing.assert_allclose(markers.time, T, atol=1e-9)
