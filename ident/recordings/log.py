@@ -13,11 +13,10 @@ from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS
-from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
 from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import counted, selected
-from ident.files.table import BASE, TRUE, Table, in_pieces
+from ident.files.table import BASE, TRUE, TYPES, InMemory, Table, in_pieces, kind_of, table_of
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
