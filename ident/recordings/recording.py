@@ -22,7 +22,16 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings.stated import Servo, Tracker, load, save
-from ident.recordings.times import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
+from ident.recordings.times import (
+    STREAMS,
+    Sampled,
+    check_times,
+    checked_channel,
+    checked_stream,
+    interpolated,
+    interpolated_poses,
+    uniform_times,
+)
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:
@@ -160,7 +169,12 @@ class Recording(Brief):
         Raises:
             LogError: A stream is malformed, they have no time in common, or the rate is unknown.
         """
-        return cls(**at_common_times(streams, rate), **others)
+        check_type("streams", streams, Mapping, STREAMS)
+        checked = {name: checked_stream(name, stream) for name, stream in streams.items()}
+        time = uniform_times(checked, rate)
+        measured = {name: interpolated(stream, time) for name, stream in checked.items() if name != BASE}
+        base = interpolated_poses(checked[BASE], time) if BASE in checked else None
+        return cls(time, measured, base=base, streams=checked, **others)
 
     @property
     def rate(self) -> float:

@@ -70,22 +70,18 @@ def scale_of(joint: str, entry: Mapping[str, Any]) -> dict[str, float]:
     Raises:
         LogError: It is no number above 0, or its channel is not mapped.
     """
-    out = dict[str, float]()
-    for key, channel in SCALES.items():
-        if key not in entry:
-            continue
-        if channel not in entry:
-            raise LogError(f"joints.{joint} states {key}; that needs its {channel} as well.")
-        out |= {joint: value_of(f"joints.{joint}.{key}", entry[key], Scale)}
-    return out
+    stated = [key for key in SCALES if key in entry]
+    if without := [key for key in stated if SCALES[key] not in entry]:
+        raise LogError(f"joints.{joint} states {without[0]}; that needs its {SCALES[without[0]]} as well.")
+    scales = [value_of(f"joints.{joint}.{key}", entry[key], Scale) for key in stated]
+    return {joint: scales[-1]} if scales else {}
 
 
 def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
     """Servo of a joint by the model's position actuator; None without one, or if it acts through a gear."""
     actuators = [each for each in mechanism.drives.get(joint, NO_DRIVE).actuators if each.kind == "position"]
-    if len(actuators) != 1 or actuators[0].gear != 1:
-        return None
-    return Servo(actuators[0].kp, actuators[0].kv)
+    alone = len(actuators) == 1 and actuators[0].gear == 1
+    return Servo(actuators[0].kp, actuators[0].kv) if alone else None
 
 
 Stream = TypeVar("Stream")

@@ -6,12 +6,11 @@ takes samples at their own times.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from ident.arguments import check_type
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.selection import EPOCH
@@ -100,20 +99,6 @@ def _copied(values: Iterable[float]) -> np.ndarray:
     """Numbers as a new array; an array that another recording has checked and frozen is not copied."""
     frozen = isinstance(values, np.ndarray) and values.flags.owndata and not values.flags.writeable
     return np.asarray(values, float) if frozen else np.array(values, float)
-
-
-def at_common_times(streams: Mapping[str, tuple[Any, Any]], rate: float | None = None) -> dict[str, Any]:
-    """Fields of a recording made of streams, by name.
-
-    Args:
-        streams: Times and values by channel; `rate` as for `uniform_times`.
-    """
-    check_type("streams", streams, Mapping, STREAMS)
-    checked = {name: checked_stream(name, stream) for name, stream in streams.items()}
-    time = uniform_times(checked, rate)
-    measured = {name: interpolated(stream, time) for name, stream in checked.items() if name != BASE}
-    base = interpolated_poses(checked[BASE], time) if BASE in checked else None
-    return {"time": time, "measured": measured, "base": base, "streams": checked}
 
 
 def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> np.ndarray:

@@ -158,10 +158,9 @@ class Frames:
             ModelError: A frame is not in the model.
         """
         if carrier:
-            parent = self.place(text(joint, "parent_body"), joint)
-            return PlacedFrame(parent.body, offset(joint, "location_in_parent", "orientation_in_parent")), PlacedFrame(
-                carrier, offset(joint, "location", "orientation")
-            )
+            parent, at = self.place(text(joint, "parent_body"), joint), offset(joint, "location", "orientation")
+            there = offset(joint, "location_in_parent", "orientation_in_parent")
+            return PlacedFrame(parent.body, there), PlacedFrame(carrier, at)
         return self.place(socket(joint, "parent_frame"), joint), self.place(socket(joint, "child_frame"), joint)
 
     def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> PlacedFrame:

@@ -296,10 +296,8 @@ def _couplers(
                 f"The equations of a tree do not hold the forces of {label(element)}; leave it out with --ignore "
                 f"{element.get('name')} (in Python, ignore=['{element.get('name')}'])."
             )
-        leaders, follower = (
-            text(element, "independent_coordinate_names").split(),
-            text(element, "dependent_coordinate_name"),
-        )
+        leaders = text(element, "independent_coordinate_names").split()
+        follower = text(element, "dependent_coordinate_name")
         if len(leaders) != 1 or not {*leaders, follower} <= set(coordinates):
             raise ModelError(
                 f"{label(element)} makes one coordinate of the model depend on one other, got '{follower}' on "
@@ -314,12 +312,10 @@ def _coupling(element: ET.Element) -> Curve:
     """The function of a coupler constraint."""
     inner = element.find("coupled_coordinates_function")
     function = function_of(element if inner is None else inner)
-    if function is None:
-        children = [child for child in (element if inner is None else inner) if isinstance(child.tag, str)]
-        if inner is not None and children:
-            return curve(children[0])
+    children = [] if inner is None else [child for child in inner if isinstance(child.tag, str)]
+    if function is None and not children:
         raise ModelError(f"{label(element)} needs a <coupled_coordinates_function>.")
-    return curve(function)
+    return curve(children[0] if function is None else function)
 
 
 def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
