@@ -168,17 +168,9 @@ def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
     np.testing.assert_allclose(read.body_inertia, model.body_inertia, rtol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def seen_person():
-    spec = marked_person()
-    model = spec.compile()
-    marked, _ = marked_model(spec, labels_of(model))
-    return marked, *trial(model, 30)
-
-
-def test_frames_without_markers_and_joints_without_any(seen_person):
-    marked, time, qpos, x = seen_person
-    y = x.copy()
+def test_frames_without_markers_and_joints_without_any(person):
+    marked, *trial = person
+    time, qpos, y = (each[:30].copy() for each in trial)
     y[10:13] = np.nan
     y[:, [k for k, label in enumerate(marked.labels) if label.startswith(("left_hand", "left_toes"))]] = np.nan
     base = base_of(marked.model, None)

@@ -176,25 +176,6 @@ def test_what_cannot_be_read_is_named(tmp_path, old, new, message):
     assert "\n" not in str(error.value)
 
 
-def linkage(version, first="rod", second="rocker"):
-    """A parallelogram of pins, closed by a point constraint."""
-    at = lambda *x: (np.array(x), np.zeros(3))  # noqa: E731
-    joints = [
-        Joint("PinJoint", "one", "ground", "crank", [coordinate("crank")]),
-        Joint("PinJoint", "two", "crank", "rod", [coordinate("rod")], at=at(0, 0.3, 0)),
-        Joint("PinJoint", "three", "ground", "rocker", [coordinate("rocker")], at=at(0.4, 0, 0)),
-    ]
-    ends = ((1, first, "0.4 0 0"), (2, second, "0 0.3 0"))
-    held = "".join(
-        (f"<socket_body_{k}>{'/ground' if name == 'ground' else f'/bodyset/{name}'}</socket_body_{k}>"
-         if version == 4 else f"<body_{k}>{name}</body_{k}>") + f"<location_body_{k}>{x}</location_body_{k}>"
-        for k, name, x in ends
-    )  # fmt: skip
-    phi = dict(zip(("crank", "rod", "rocker"), random_phi(np.random.default_rng(0), 3).reshape(3, 10), strict=True))
-    constraint = f'<PointConstraint name="pin"><isEnforced>true</isEnforced>{held}</PointConstraint>'
-    return document(joints, phi, version=version, constraints=constraint)
-
-
 @pytest.mark.parametrize("version", [3, 4])
 def test_a_weld_closes_a_loop(tmp_path, version):
     """A coupler in halves, one on the crank and one on the rocker, whose frames are turned by half a right angle."""
@@ -226,12 +207,11 @@ def test_a_weld_closes_a_loop(tmp_path, version):
     tree = arm.closed(("rod", "rocker", "half")).tree
     assert tree.joints == ("crank",)
     np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x, -x]), atol=1e-9)
-
-
-def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
-    path = written(tmp_path, linkage(4, second="ground"))
-    with pytest.raises(ModelError, match=r'<PointConstraint name="pin"> reaches outside the .* --ignore pin'):
-        read(path)
+    ends = ends.replace("/bodyset/half<", "/ground<") if version == 4 else ends.replace(">half<", ">ground<")
+    held = weld.replace(weld[weld.index("</isEnforced>") + 13 : weld.index("</WeldConstraint>")], ends)
+    held = held.replace("WeldConstraint", "PointConstraint")
+    with pytest.raises(ModelError, match=r'<PointConstraint name="glue"> reaches outside the .* --ignore glue'):
+        read(written(tmp_path, document(joints, phi, version=version, constraints=held)))
 
 
 def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):

@@ -59,7 +59,6 @@ REFUSED = {
     "no column": ("neck_position.z", None, None, "'neck' needs columns of its positions, named neck_position, q_neck,"),
     "norm": ("neck_position.x", 3 + T, None, "row 2, joints.neck.position needs a norm of 1, got"),
     "one column": ("x", T, '[joints.neck]\nposition = "x"', "joints.neck.position needs a list of 4 columns, got x"),
-    "three": ("x", T, '[joints.neck]\nposition = ["a", "b", "c"]', "joints.neck.position needs a list of 4 columns"),
     "motor": (
         "x",
         T,

@@ -139,7 +139,6 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
 
 CONTRADICTIONS = {
     "time": ('time = "x"', "this file knows the times of its columns; leave time out"),
-    "rows": ("[select]\nrows = [1, 20]", "[select] rows are those of one table, but this file has several"),
     "layout": ("[file]\nskip = 1", "the mapping's [file] tells how text is laid out, but this file is none"),
     "unit": (
         '[joints.hip]\nposition = { column = "hip_position", unit = "deg" }',
@@ -149,8 +148,6 @@ CONTRADICTIONS = {
         '[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]',
         "wrenches.ground.force needs columns of the same times, 'ground_force.x' and 'x.0' have times of their own",
     ),
-    "no column": ('[joints.hip]\nposition = "knee"', "joints.hip.position is mapped to column 'knee', but the"),
-    "no time": ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6"),
 }
 
 

@@ -243,10 +243,6 @@ BAD = {
     "sheared": (ON + "corners = [[0,0,0], [1,0,0], [1.3,1,0], [0.3,1,0]]", "needs the corners of a rectangle"),
     "tapered": (ON + "corners = [[1,1,0], [-1,1,0], [-1.1,-1,0], [1.1,-1,0]]", "needs the corners of a rectangle"),
     "a point": (ON + "corners = [[0,0,0], [0,0,0], [0,0,0], [0,0,0]]", "needs the corners of a rectangle"),
-    "not of norm 1": (
-        ON + "position = [0, 0, 0]\nquaternion = [1, 1, 0, 0]",
-        "needs four numbers w, x, y, z of norm 1",
-    ),
     "no free moment": (ON + CORNERS + 'point = ["x", "y", 0]', "[wrenches.p] has 'point' without 'free_moment'"),
     "no point": (ON + CORNERS + 'free_moment = ["", "", "t"]', "[wrenches.p] has 'free_moment' without 'point'"),
     "both moments": (
@@ -254,7 +250,6 @@ BAD = {
         "'torque', moments about its origin, or 'point'",
     ),
     "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
-    "no number": (ON + CORNERS + POINT.replace("0]", "nan]"), "wrenches.p.point needs three coordinates, each a col"),
     "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
     "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
