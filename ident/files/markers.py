@@ -137,7 +137,9 @@ def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
     x = table[:, 2:].reshape(len(frames), len(labels), 3)
     x[(x == 0).all(axis=2)] = np.nan
     markers = Markers(table[:, 1], labels, LENGTHS[header["Units"]] * x)
-    _check_rate(markers.time, rate)
+    step = np.median(np.diff(markers.time)) if len(frames) > 1 else 1 / rate
+    if not 0.9 < step * rate < 1.1:
+        raise LogError(f"the header promises {rate:g} Hz, but frames are {step:g} s apart.")
     return markers
 
 
@@ -166,10 +168,3 @@ def _number(row: Row, cell: str) -> float:
     if np.isinf(value):
         raise LogError(f"row {row[0]} needs finite numbers, got '{short(cell)}'.")
     return value
-
-
-def _check_rate(time: np.ndarray, rate: float) -> None:
-    """Refuses times whose median step contradicts the rate."""
-    steps = np.diff(time)
-    if len(steps) and not 0.9 < np.median(steps) * rate < 1.1:
-        raise LogError(f"the header promises {rate:g} Hz, but frames are {np.median(steps):g} s apart.")

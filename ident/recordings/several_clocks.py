@@ -17,21 +17,7 @@ from ident.files.selection import EPOCH, counted, selected
 from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
-from ident.recordings.stated import untracked
-from ident.recordings.times import (
-    LEAST_SAMPLES,
-    Clock,
-    Repaired,
-    Sampled,
-    check_jumps,
-    increasing,
-    interpolated,
-    rate_of,
-    uniform_times,
-)
-
-TIME = "time"
-"""Column of every table's own times, s."""
+from ident.recordings.times import TIME, Repaired, Sampled, streams_of, together
 
 USUAL = ("time", "t")
 """Names of columns of times."""
@@ -87,29 +73,7 @@ def read_streams(
             "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
             f"{listed(columns)}."
         )
-    joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
-    rate = max(map(rate_of, (streams[key] for key in joints or streams)))
-    for key, stream in streams.items():
-        check_jumps(f"the time of {key}", stream.time, 1 / rate)
-    common = uniform_times(untracked(streams), rate)
-    if len(common) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")
-    return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
-
-
-def streams_of(
-    table: Table, clock: Columns, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool | None
-) -> dict[str, Sampled]:
-    """Channels (N, k) at the times of a table, without repeated samples; arguments as for `read_streams`."""
-    if gaps is not None:
-        # Time steps are checked as in a log with one clock.
-        repaired = Clock(clock, gaps).repaired(table, channels, notes)
-        return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
-    time = table.column(TIME)
-    kept = increasing(table, TIME, time, channels, notes)
-    if len(kept) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
-    return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+    return together(streams)
 
 
 def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:

@@ -198,6 +198,9 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
     return Sampled(time, np.hstack(values))
 
 
+TIME = "time"
+"""Column of the times of a table that has its own, s."""
+
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
 
@@ -393,6 +396,40 @@ def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
         return grid
     first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)
     inside = grid[(grid >= max(first)) & (grid <= min(last))]
-    if len(inside) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(inside)}.")
+    _check_covered(inside)
     return inside
+
+
+def streams_of(
+    table: Table, clock: Columns, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool | None
+) -> dict[str, Sampled]:
+    """Channels (N, k) at the times of a table, without repeated samples; `gaps` is None where the format allows any."""
+    if gaps is not None:
+        # Time steps are checked as in a log with one clock.
+        repaired = Clock(clock, gaps).repaired(table, channels, notes)
+        return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
+    time = table.column(TIME)
+    kept = increasing(table, TIME, time, channels, notes)
+    if len(kept) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
+    return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+
+
+def together(streams: dict[str, Sampled]) -> Repaired:
+    """Streams as measured and at common times, at the rate of the fastest joint position, or of any without joints.
+
+    Raises:
+        LogError: Times are too far apart, or too few are covered by all.
+    """
+    joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
+    rate = max(map(rate_of, (streams[key] for key in joints or streams)))
+    for key, stream in streams.items():
+        check_jumps(f"the time of {key}", stream.time, 1 / rate)
+    common = uniform_times(untracked(streams), rate)
+    _check_covered(common)
+    return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
+
+
+def _check_covered(time: np.ndarray) -> None:
+    if len(time) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(time)}.")
