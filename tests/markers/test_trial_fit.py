@@ -1,7 +1,5 @@
 """Angles and lengths from markers: exact without noise, and with noise within the stated covariance."""
 
-from types import SimpleNamespace
-
 import mujoco
 import numpy as np
 import pytest
@@ -72,21 +70,6 @@ def test_outlying_and_exchanged_markers_are_found_and_do_no_harm(person):
     assert postures.sigma == pytest.approx(0.002, rel=0.06)
     chi, _ = chi_squared(marked, postures, qpos)
     assert chi.mean() == pytest.approx(41, rel=0.15)
-
-
-@pytest.mark.parametrize(("towards", "exchanged"), [(0.6, False), (0.75, True)])
-def test_labels_are_exchanged_where_each_marker_is_far_nearer_to_the_others_place(towards, exchanged):
-    """Two markers displaced towards each other are not exchanged."""
-    places = np.array([[[0.0, 0, 0], [1, 0, 0]]])
-    measured = (1 - towards) * places + towards * places[:, ::-1]
-    residuals = measured - places
-    postures = SimpleNamespace(
-        marked=SimpleNamespace(labels=("a", "b")),
-        residuals=residuals,
-        distances=np.linalg.norm(residuals, axis=2),
-        outlying=np.ones((1, 2), bool),
-    )
-    assert [swap.labels for swap in swaps(postures, measured)] == [("a", "b")] * exchanged
 
 
 def test_slides_and_fixed_joints():
