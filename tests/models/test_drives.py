@@ -82,14 +82,8 @@ def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
         ({"elbow": 3}, "drives needs a Drive by the name of each driven freedom"),
         ({"elbow": Drive(viscous=np.nan)}, "Joint 'elbow' needs a finite damping, got nan."),
         ({"elbow": Drive(springref="low")}, "Joint 'elbow' needs a finite spring reference, got low."),
-        (
-            {"elbow": Drive(actuators=(Actuator("m", gear=np.inf),))},
-            "Actuator 'm' of joint 'elbow' needs a finite gear",
-        ),
-        (
-            {"elbow": Drive(actuators=(Actuator("m", rotor=-1),))},
-            "'elbow' needs a rotor inertia of at least 0, got -1.",
-        ),
+        ({"elbow": Drive(actuators=(Actuator("m", gear=np.inf),))}, "'m' of joint 'elbow' needs a finite gear"),
+        ({"elbow": Drive(actuators=(Actuator("m", rotor=-1),))}, "needs a rotor inertia of at least 0, got -1."),
     ],
 )
 def test_drives_given_in_python_are_checked(drives, message):
