@@ -138,6 +138,13 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
             np.testing.assert_allclose(recording[channel], x, atol=1e-12)
 
 
+@pytest.mark.extras
+def test_common_times_are_those_of_the_fastest_joint(tmp_path):
+    first, second = ({name: x for name, x in angles().items() if name != own} for own in ("joint2", "joint1"))
+    log = read_log(pair(tmp_path, first, {name: x[::2] for name, x in second.items()}), arm())
+    assert log.rate == pytest.approx(recording().rate) and log.streams.keys() == {*ANGLES.values()}
+
+
 PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
 """A plate whose axes are the world's."""
 

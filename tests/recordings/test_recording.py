@@ -89,7 +89,9 @@ def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix
     x = np.linspace(0, 1, 50)
     measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
     measured |= {"hand_position": np.zeros((50, 3)), "hand_orientation": np.tile(np.eye(4)[0], (50, 1))}
-    Recording(np.arange(50.0), measured, **STATED, trackers={"hand": Tracker("hand")}).save(tmp_path / f"r.{suffix}")
+    Recording(np.arange(50.0), measured, measured, **STATED, trackers={"hand": Tracker("hand")}).save(
+        tmp_path / f"r.{suffix}"
+    )
     log = read_log(tmp_path / f"r.{suffix}", arm)
     assert {name: getattr(log, name) for name in STATED} == STATED
     assert log.trackers["hand"].body == "hand" and {*log.measured} == {*measured} and not log.unused
