@@ -1,4 +1,7 @@
-"""Logs of other programs give the same as a CSV file with the same columns."""
+"""Logs and markers of other programs give the same as a CSV file with the same columns."""
+
+import gzip
+import json
 
 import numpy as np
 import pytest
@@ -7,6 +10,7 @@ from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, wri
 
 from ident.errors import LogError
 from ident.files.markers import trc_markers
+from ident.files.readers import read_markers, read_tables
 from ident.recordings.log import read_log, read_log_pieces
 
 pytestmark = pytest.mark.extras
@@ -159,3 +163,102 @@ def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
     with pytest.raises(LogError) as error:
         read_log(tmp_path / "log.bag", LEG, tmp_path / "c.toml")
     assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def lines(n=N):
+    force = [{"x": 1, "y": 2.5, "z": k} for k in range(n)]
+    rows = zip(T.tolist(), Q.tolist(), force, strict=True)
+    return [
+        {"time": t, "q": q, "e": [2 * x for x in q], "ft": {"F": f, "M": [0, 0, t]}, "mode": "run", "on": True}
+        for t, q, f in rows
+    ]
+
+
+def written(path, rows):
+    text = "\n".join(row if isinstance(row, str) else json.dumps(row) for row in rows) + "\n"
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(path):
+    (whole,) = read_tables(path)
+    return whole
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", "LOG.NDJSON", "log.jsonl.gz"])
+def test_arrays_and_objects_are_columns(tmp_path, name):
+    path = written(tmp_path / name, lines())
+    columns = table(path).cells
+    assert list(columns) == [
+        *("time", "q.0", "q.1", "e.0", "e.1", "ft.F.x", "ft.F.y", "ft.F.z", "ft.M.x", "ft.M.y", "ft.M.z", "mode", "on")
+    ]
+    np.testing.assert_array_equal(np.stack([columns["q.0"], columns["q.1"]], axis=1), Q)
+    mapping = {"joints": {x: {"position": f"q.{k}", "torque": f"e.{k}"} for k, x in enumerate(JOINTS)}}
+    log = read_log(path, LEG, mapping)
+    np.testing.assert_array_equal(log.of_joints(JOINTS, "torque"), 2 * Q)
+    np.testing.assert_allclose(log.time, T, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rows: [*rows[:4], "[1, 2]", *rows[4:]], r"row 5 needs an object of JSON, .*; got \[1.0, 2.0\]"),
+        (lambda rows: [*rows[:4], '{"time": 0.04, "q":', *rows[4:]], r"row 5 needs an object of JSON, .* \(Expecting"),
+        (lambda rows: [*rows, "[" * 100_000], rf"row {N + 1} needs an object of JSON"),
+        (lambda rows: ["", *rows[:3], {**rows[3], "q.1": 2}, *rows[4:]], r"row 5 has two values named 'q.1'"),
+        (lambda rows: [*rows[:9], {"time": T[9], "q": [0.1]}, *rows[10:]], "row 10, column 'q.1' is empty"),
+        (
+            lambda rows: [*rows[:9], {**rows[9], "q": [0.1, "x"]}, *rows[10:]],
+            "row 10, column 'q.1' needs a number, .*x",
+        ),
+        (lambda rows: [*rows[:9], {**rows[9], "q": [0.1, 1e400]}, *rows[10:]], "row 10, column 'q.1' needs a finite"),
+        (lambda rows: [json.dumps(rows)], "row 1 needs an object of JSON"),
+        (lambda rows: rows[:3], "at least 10 samples, it has 3"),
+        (lambda rows: [], "at least 10 samples, it has 0"),
+    ],
+)
+def test_errors_name_the_row(tmp_path, change, message):
+    path = written(tmp_path / "log.jsonl", change(lines()))
+    with pytest.raises(LogError, match=message) as raised:
+        read_log(path, LEG, {"joints": {x: {"position": f"q.{k}"} for k, x in enumerate(JOINTS)}})
+    assert "\n" not in str(raised.value)
+
+
+TIME = np.arange(4) / 100
+LABELS = ("KNEE", "HIP")
+X = np.random.default_rng(0).normal(size=(4, 2, 3))
+X[2, 1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
+        ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
+        ("time,A\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
+        ("time,A.w\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
+        ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "frame 1: marker 'A' has some of x, y and z only"),
+        ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
+        ("time,A.x,A.y,A.z\n", "needs frames, it has none"),
+        ("time,A.x,A.y,A.z\n0,1,1e30,3\n", "frame 1: marker 'A' needs positions below"),
+    ],
+)
+def test_damaged_tables_are_refused(tmp_path, text, expected):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(LogError, match=expected):
+        read_markers(tmp_path / "a.csv")
+
+
+def test_markers_of_c3d_files_are_read(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    write_c3d(tmp_path / "a.c3d", 50.0, dict(zip(LABELS, X.swapaxes(0, 1), strict=True)), angles=("HIP",))
+    markers = read_markers(tmp_path / "a.c3d")
+    assert markers.labels == ("KNEE",)
+    np.testing.assert_allclose(markers.positions[:, 0], X[:, 0], atol=1e-6)
+    np.testing.assert_allclose(markers.time, np.arange(4) / 50)
+    write_c3d(tmp_path / "b.c3d", 50.0, {"HIP": X[:, 1]}, angles=("HIP",))
+    with pytest.raises(LogError, match="0 markers in 4 frames need positions"):
+        read_markers(tmp_path / "b.c3d")
