@@ -3,13 +3,19 @@
 import mujoco
 import numpy as np
 import pytest
+from commands import refusal
 from marked import errors, labels_of, marked_person, trial
+from opensim_walker import PLANAR, leg, motion
+from opensim_walker import trial as leg_trial
 
+from experiments.angles import main
 from ident.errors import InputError, ModelError
+from ident.files.readers import read_markers
+from ident.recordings.recording import Recording
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import base_of, marked_model
 from sim.markers.model_files import write_scaled
-from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 
 FRAMES = 60
@@ -170,3 +176,38 @@ def test_frames_without_markers_and_joints_without_any(person):
     np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
     assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
     assert 0 <= angles.noise["left_knee_position"] < 1e-8
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("leg")
+    leg_trial(out, leg(out))
+    return out
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_markers_are_where_the_tree_has_them_and_followers_are_in_the_jacobian(folder):
+    marked, unmatched = marked_model(folder / "leg.osim", read_markers(folder / "walk.trc").labels)
+    assert not unmatched and marked.up == "y" and marked.dof_names == list(PLANAR)
+    kinematics, rng = Kinematics(marked), np.random.default_rng(0)
+    qpos = kinematics.moved(marked.rest, rng.uniform(-0.4, 0.1, len(marked.dofs)))
+    kinematics.positions(qpos)
+    J = kinematics.jacobian().copy()
+    for d, step in enumerate(1e-6 * np.eye(len(marked.dofs))):
+        ends = [kinematics.positions(kinematics.moved(qpos, sign * step)).copy() for sign in (1, -1)]
+        np.testing.assert_allclose(J[:, :, d], (ends[0] - ends[1]) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_angles_of_an_opensim_model_and_the_command_that_comes_next(folder, tmp_path, capsys):
+    given = [str(folder / "leg.osim"), str(folder / "walk.trc"), "--out", str(tmp_path / "out")]
+    assert main(given) == 0
+    recording = Recording.load(tmp_path / "out" / "angles.npz")
+    for k, name in enumerate(PLANAR):
+        z = (recording[f"{name}_position"] - motion()[1][:, k]) / recording.noise[f"{name}_position"]
+        assert np.sqrt(np.mean(z**2)) < 1.3
+    output = capsys.readouterr().out
+    assert f"multicontact identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in output
+    assert "+PLATES.mot --leave-out Fz Mx My\n" in output
+    message = refusal(main, [*given, "--scale"], capsys)
+    assert "--scale needs an MJCF or URDF model; let OpenSim's Scale Tool" in message
