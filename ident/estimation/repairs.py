@@ -11,8 +11,9 @@ from ident.estimation.equations import COMPONENTS
 from ident.files.column import KINDS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.faults import at_rest, despiked, limits, moves, quantum
+from ident.recordings.faults import despiked, limits, moves
 from ident.recordings.recording import Recording
+from ident.recordings.resolution import at_rest, quantum
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.tolerances import HUGE, TINY

@@ -10,7 +10,7 @@ from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Row, bracketed, doubt, judged, listed, number_of, percent, remark
 from ident.parameters.prior import known_covariance
-from ident.recordings.faults import white_noise
+from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED

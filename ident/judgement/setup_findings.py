@@ -13,7 +13,7 @@ from ident.estimation.recorded_motion import WIDTH
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, doubt, judged, listed, percent, remark
 from ident.judgement.fit_findings import FAR_ABOVE, fast_noise
-from ident.recordings.faults import UNIFORM
+from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5
 """Share of a signal's noise variance due to its steps above which there is a remark."""

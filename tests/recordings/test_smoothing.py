@@ -5,18 +5,9 @@ import pytest
 from scipy import ndimage, signal
 
 from ident.recordings import faults as module
-from ident.recordings.faults import (
-    INTERPOLATED,
-    covered,
-    limits,
-    longest_step,
-    moves,
-    quantum,
-    running_median,
-    runs,
-    stretches,
-)
+from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
 from ident.recordings.recording import Recording
+from ident.recordings.resolution import quantum
 from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, settling, smoothed
 from ident.recordings.times import Sampled
 
