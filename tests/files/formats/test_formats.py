@@ -10,7 +10,7 @@ from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, wri
 
 from ident.errors import LogError
 from ident.files.markers import trc_markers
-from ident.files.readers import read_markers, read_tables
+from ident.files.readers import read_clocks, read_markers, read_tables
 from ident.recordings.log import read_log, read_log_pieces
 
 pytestmark = pytest.mark.extras
@@ -139,6 +139,13 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
     np.testing.assert_array_equal(log.as_measured("ground_force").values, FAST[:, :3])
     assert log.unused == ["x.0", "x.1"]
     assert any(("frame 'tool'" if stamped else "those of writing") in note for note in log.notes)
+
+
+def test_joints_of_several_topics_are_named_by_their_topics(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    write_bag(tmp_path / "log.bag", {"/a": (T, joint_states()), "/b": (T, joint_states(("hip",)))})
+    columns = [name for table in read_clocks(tmp_path / "log.bag") for name in table.cells]
+    assert {"a:hip_position", "b:hip_position", "ankle_position"} <= {*columns} and "hip_position" not in columns
 
 
 CONTRADICTIONS = {

@@ -215,6 +215,14 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
+def test_moments_without_forces_count_whatever_the_threshold(tmp_path):
+    columns, text = in_plate("right", walker.wrenches()["right"], walker.TAKEN["right"])
+    text = text.replace(f"force = {listed('right', 'F')}\n", "") + "threshold = 40\n"
+    recording = ident.read_log(written(tmp_path, [(columns, text)])[0], walker.mechanism(), tmp_path / "columns.toml")
+    moments = np.stack([columns[f"right_M{axis}"] for axis in "xyz"], axis=1)
+    np.testing.assert_array_equal(recording["right_torque"], moments)
+
+
 def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
     columns, _ = stepping()
     columns["right_px"][np.flatnonzero(walker.motion()[0] > 2)[:3]] = np.nan
