@@ -28,7 +28,7 @@ from ident.recordings.recording import Recording
 from ident.recordings.wrench import total_wrench
 from ident.trajectory.algebra.banded import WINDOW, Banded
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.fourier import basis
+from sim.motion.excitation_design import basis
 from sim.simulation.simulate import simulate, simulate_many
 
 TREE = double_pendulum()

@@ -16,8 +16,8 @@ from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.recorded_motion import aligned, measured_poses
 from ident.mechanism.motion import Motion
-from ident.recordings.sampled import Sampled
 from ident.recordings.stated import Tracker
+from ident.recordings.times import Sampled
 
 JOINTS = ("turn", "lift", "bend", "roll", "tilt")
 PLACES = np.array([[0, 0, 0.1], [0, 0.05, 0.3], [0.4, 0, 0.02], [0.1, 0.03, 0], [0.3, 0, 0]])

@@ -3,6 +3,7 @@
 import gzip
 
 import numpy as np
+from marked import trc
 
 DEG = 180 / np.pi
 
@@ -19,27 +20,9 @@ def write_mot(path, columns, degrees="yes"):
     path.write_text("\n".join([*head, "", "endheader", "\t".join(columns), *rows, ""]))
 
 
-def write_trc(path, time, markers, rate=100.0, units="mm"):
-    cells = np.hstack([x * {"mm": 1e3, "m": 1.0}[units] for x in markers.values()])
-    rows = [
-        "\t".join([str(k + 1), f"{t:.6f}", *("" if np.isnan(x) else f"{x:.9f}" for x in row)])
-        for k, (t, row) in enumerate(zip(time, cells, strict=True))
-    ]
-    keys = [
-        "DataRate",
-        "CameraRate",
-        "NumFrames",
-        "NumMarkers",
-        "Units",
-        "OrigDataRate",
-        "OrigDataStartFrame",
-        "OrigNumFrames",
-    ]
-    values = [rate, rate, len(rows), len(markers), units, rate, 1, len(rows)]
-    axes = "\t".join(f"{axis}{k + 1}" for k in range(len(markers)) for axis in "XYZ")
-    head = [f"PathFileType\t4\t(X/Y/Z)\t{path.name}", "\t".join(keys), "\t".join(map(str, values))]
-    head += ["Frame#\tTime\t" + "\t\t\t".join(markers) + "\t\t", "\t\t" + axes, ""]
-    path.write_text("\n".join([*head, *rows, ""]))
+def write_trc(path, time, markers, unit="mm"):
+    x = np.stack(list(markers.values()), axis=1)
+    path.write_text(trc(time, list(markers), x, unit, {"mm": 1e3, "m": 1.0}[unit]))
 
 
 def write_mat(path, columns, **others):

@@ -30,8 +30,7 @@ from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.readings import steps_per_sample
-from sim.simulation.servos import servos
-from sim.simulation.simulate import LEAD_IN, RATE
+from sim.simulation.simulate import LEAD_IN, RATE, servos
 
 PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 """Names of the mechanisms whose axes are along the axes of their frames."""

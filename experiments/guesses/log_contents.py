@@ -19,9 +19,8 @@ from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.entries import clocks
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.plausibility import rate_factor, with_continuous_angles
-from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.several_clocks import TIME, files_of, name_of, read_files, streams_of
-from ident.recordings.times import LEAST_SAMPLES
+from ident.recordings.several_clocks import files_of, name_of, read_files
+from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
 
 ROWS = 20_000
 """Largest number of samples that are read."""

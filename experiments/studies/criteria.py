@@ -19,8 +19,16 @@ from ident.errors import InputError, ModelError
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import known_rows
 from sim.motion.collisions import Collisions
-from sim.motion.excitation_design import Cost, Limits, States, design, nearby_start, random_start, scaled_into
-from sim.motion.fourier import FourierTrajectory
+from sim.motion.excitation_design import (
+    Cost,
+    FourierTrajectory,
+    Limits,
+    States,
+    design,
+    nearby_start,
+    random_start,
+    scaled_into,
+)
 
 INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding errors."""

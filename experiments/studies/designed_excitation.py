@@ -19,11 +19,9 @@ from ident.recordings.log import read_log
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.smoothing import settling
 from sim.models.model_mechanism import mechanism
-from sim.motion.collisions import Collisions
+from sim.motion.collisions import Collisions, reachable
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import Limits
-from sim.motion.fourier import FourierTrajectory
-from sim.motion.walls import reachable
+from sim.motion.excitation_design import FourierTrajectory, Limits
 from sim.simulation.simulate import LONGEST, RATE
 
 POSTURES = 200

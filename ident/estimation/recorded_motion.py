@@ -22,9 +22,9 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled, side_by_side
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
 from ident.recordings.stated import tracked_bodies
+from ident.recordings.times import Sampled, side_by_side
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""

@@ -1,11 +1,18 @@
-"""Tables as text: comments, a header row, a row of numbers for every sample; and OpenSim's motion and storage files."""
+"""Tables as text, perhaps packed by gzip: comments, a header row, a row of numbers for every sample, in little memory.
 
+OpenSim's motion and storage files are such tables after a header of their own.
+"""
+
+import codecs
 import csv
+import gzip
+import io
 import json
 import re
 import sys
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -15,9 +22,105 @@ import numpy as np
 
 from ident.annotations import Needs
 from ident.errors import LogError
-from ident.files.limits import LIMIT
-from ident.files.table import METADATA, Memory, Table, is_number, short, vector_columns
-from ident.files.text_file import Block, Text, opened_text
+from ident.files.limits import LIMIT, LONGEST, NUMBER, check_size
+from ident.files.table import METADATA, Memory, Table, is_number, number_of, short, vector_columns
+
+TEXT = 64
+"""Bytes that a string takes in addition to its characters."""
+
+Cells = Sequence[str] | np.ndarray
+
+
+class _Counted(io.RawIOBase):
+    """Bytes of a packed file, counted since the last piece began."""
+
+    def __init__(self, stream: gzip.GzipFile, path: Path, limit: int) -> None:
+        self.stream, self.path, self.limit, self.count = stream, path, limit, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        data = self.stream.read(len(buffer))
+        buffer[: len(data)] = data
+        self.count += len(data)
+        check_size(self.path, self.count, self.limit)
+        return len(data)
+
+
+class Text(io.TextIOWrapper):
+    """A text that is read in pieces, of which each may take so many bytes."""
+
+    def __init__(self, buffer: io.BufferedReader, path: Path, limit: int) -> None:
+        utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        super().__init__(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
+        self.path, self.limit = path, limit
+
+    def begin_piece(self) -> None:
+        """Resets the count of unpacked bytes at the start of a piece."""
+        if isinstance(counted := getattr(self.buffer, "raw", None), _Counted):
+            counted.count = 0
+
+    def check_size(self, size: int) -> None:
+        """Refuses a size in bytes above the limit, as `limits.check_size`."""
+        check_size(self.path, size, self.limit)
+
+
+@contextmanager
+def opened_text(path: Path, limit: int = LIMIT) -> Iterator[Text]:
+    """Opens a text file for the duration of a block.
+
+    Args:
+        path: The file; one whose name ends in `.gz` is unpacked.
+        limit: Bytes that a piece of a packed file may have, as for `check_size`.
+
+    Raises:
+        LogError: A packed file is damaged, or too large when unpacked.
+    """
+    if path.suffix.lower() != ".gz":
+        with path.open("rb") as stream:
+            yield Text(stream, path, limit)
+        return
+    try:
+        with gzip.open(path) as packed:
+            yield Text(io.BufferedReader(_Counted(packed, path, limit)), path, limit)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise LogError(f"the file needs to be packed by gzip, whole and undamaged ({error}).") from None
+
+
+def _numbers(name: str, cells: Cells, memory: Memory, decimal_comma: bool) -> Cells:
+    """A column as numbers if all of its cells are numbers or empty, else as text with equal strings stored once.
+
+    Its decimal separators are kept in `memory`.
+    """
+    marks = memory.marks.setdefault(name, set()) if decimal_comma else set()
+    if isinstance(cells, np.ndarray):
+        marks |= {"."} if decimal_comma and (np.abs(np.modf(cells)[0]) > 0).any() else set()
+        return cells.copy()
+    marks |= {mark for mark in ",." if any(mark in cell for cell in cells)}
+    with suppress(ValueError):
+        return np.array([number_of(cell, decimal_comma) for cell in cells])
+    known: dict[str, str] = {}
+    return [known.setdefault(cell, cell) for cell in cells]
+
+
+def _joined(parts: Sequence[Cells]) -> Cells:
+    """Parts of a column as one, which is text if any of them is."""
+    if all(isinstance(part, np.ndarray) for part in parts):
+        return np.concatenate(parts)
+    known: dict[str, str] = {}
+    texts = (
+        ["" if np.isnan(x) else repr(x) for x in part.tolist()] if isinstance(part, np.ndarray) else part
+        for part in parts
+    )
+    return [known.setdefault(text, text) for part in texts for text in part]
+
+
+def _size(cells: Mapping[str, Cells], rows: int) -> int:
+    """Bytes that rows take, with their numbers."""
+    texts = sum(sum(TEXT + len(text) for text in {*x}) for x in cells.values() if not isinstance(x, np.ndarray))
+    return NUMBER * rows * (1 + len(cells)) + texts
+
 
 DELIMITERS = ";\t,"
 """Delimiters in order of preference: the first that occurs in the header, or else spaces. Decimal commas are accepted
@@ -103,33 +206,38 @@ def tables_of_lines(
     else:
         raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
     delimiter = _delimiter(line)
-    cells = next(_rows([(first, line)], delimiter))
-    names = _header(first, cells) if header else [str(k + 1) for k in range(len(cells))]
+    begin = next(_rows([(first, line)], delimiter))
+    names = _header(first, begin) if header else [str(k + 1) for k in range(len(begin))]
     lines = lines if header else chain([(first, line)], lines)
-    memory, kept = Memory(), list[Block]()
+    commas, memory, kept = delimiter != ",", Memory(), list[tuple[np.ndarray, Mapping[str, Cells]]]()
     while True:
-        blocks, size, left = [*kept], sum(block.size for block in kept), samples
+        blocks, size, left = [*kept], 0, samples
         while left and (new := list(islice(lines, min(left, BLOCK)))):
             columns = zip(names, _cells(new, names, delimiter), strict=True)
-            named = {name: column for name, column in columns if name}
-            blocks.append(Block.of([row for row, _ in new], named, memory, delimiter != ","))
-            size, left = size + blocks[-1].size, left - len(new)
+            cells = {name: _numbers(name, column, memory, commas) for name, column in columns if name}
+            blocks.append((np.array([row for row, _ in new]), cells))
+            size, left = size + _size(cells, len(new)), left - len(new)
             text.check_size(size)
         if left == samples:
             return
-        piece = Block.joined(blocks)
-        yield Table(piece.cells, piece.rows, "row", metadata, memory, delimiter != ",")
-        kept = [piece.last(overlap)] if overlap else []
+        rows = np.concatenate([rows for rows, _ in blocks])
+        cells = {name: _joined([own[name] for _, own in blocks]) for name in blocks[0][1]}
+        yield Table(cells, rows, "row", metadata, memory, commas)
+        kept = [(rows[-overlap:], {name: x[-overlap:] for name, x in cells.items()})] if overlap else []
 
 
 def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
     """Lines of a text that are not blank, after the first `skip`.
 
     Raises:
-        LogError: The text is not in UTF-8.
+        LogError: The text is not in UTF-8, or a line is longer than any row of a log.
     """
+    number = 0
     try:
-        for number, line in enumerate(text.whole_lines(), start=1):
+        while line := text.readline(LONGEST + 1):
+            number += 1
+            if len(line) > LONGEST:
+                raise LogError(f"row {number} is longer than {LONGEST} characters, which no row of a log is.")
             if number > skip and line.strip(' "\n' + DELIMITERS):
                 yield number, line
     except UnicodeDecodeError as error:
@@ -215,13 +323,13 @@ def storage_tables(path: Path, limit: int) -> list[Table]:
     if not pieces:
         raise LogError("the file has no rows after its header, which names the columns.")
     (table,) = pieces
-    for keys, count, what in (
+    for keys, number, what in (
         (("nrows", "datarows"), len(table.rows), "rows"),
         (("ncolumns", "datacolumns"), len(table.cells), "columns"),
     ):
         for key in keys:
-            if key in header and header[key] != str(count):
-                raise LogError(f"the header promises {short(header[key])} {what} ({key}), the table has {count}.")
+            if key in header and header[key] != str(number):
+                raise LogError(f"the header promises {short(header[key])} {what} ({key}), the table has {number}.")
     degrees = header.get("indegrees")
     if degrees not in (None, *ANGLES):
         raise LogError(f"the header's inDegrees needs to be yes or no, got '{short(degrees)}'.")

@@ -11,37 +11,38 @@ from ident.errors import LogError
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
 from ident.files.csv_file import Layout, csv_pieces, storage_tables, write_csv
-from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet, trc
+from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet
 from ident.files.limits import LIMIT
-from ident.files.markers import Markers
+from ident.files.markers import Markers, trc_markers
 from ident.files.npz import npz_pieces, write_npz
 from ident.files.table import SUFFIXES, Table, in_pieces, short
 
 TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
-"""Suffixes of tables of text."""
-
-ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
-    ".mot": storage_tables,
-    ".sto": storage_tables,
-    ".trc": trc.tables,
-    ".parquet": parquet.tables,
-    ".mat": mat.tables,
-    **dict.fromkeys(json_lines.SUFFIX, json_lines.tables),
-}
-"""Readers of files that are one table, by suffix, given the path and the bytes it may take in memory."""
-
-SEVERAL_CLOCKS: Mapping[str, Callable[[Path, int], list[Table]]] = {
-    ".c3d": c3d.tables,
-    ".bag": bag.tables,
-    ".mcap": bag.tables,
-    ".db3": bag.tables,
-}
-"""Readers of files of tables that each have times of their own, by suffix; the folder of a ROS 2 bag is one too."""
+"""Ends of the names of tables of text."""
 
 BAG_FOLDER = "metadata.yaml"
 """File that marks a folder as a ROS 2 bag."""
 
-CAPTURED: Mapping[str, Callable[[Path, int], Markers]] = {".trc": trc.markers, ".c3d": c3d.markers}
+Read = Callable[[Path, int], list[Table]]
+"""Reader of a format, given the path and the bytes that it may take in memory."""
+
+ONE_CLOCK: Mapping[str, Read] = {
+    **dict.fromkeys((".mot", ".sto"), storage_tables),
+    ".trc": lambda path, limit: [trc_markers(path, limit).table],
+    ".parquet": parquet.tables,
+    ".mat": mat.tables,
+    **dict.fromkeys(json_lines.SUFFIX, json_lines.tables),
+    lerobot.INFO: lerobot.tables,
+}
+"""Readers of what is one table, by the end of its name or, for a dataset's episode, the file that marks the folder."""
+
+SEVERAL_CLOCKS: Mapping[str, Read] = {
+    ".c3d": c3d.tables,
+    **dict.fromkeys((".bag", ".mcap", ".db3", BAG_FOLDER), bag.tables),
+}
+"""Readers of what has tables that each have times of their own, likewise."""
+
+CAPTURED: Mapping[str, Callable[[Path, int], Markers]] = {".trc": trc_markers, ".c3d": c3d.markers}
 """Readers of files that state their unit, by suffix, given the path and the bytes it may take in memory."""
 
 TABLES = (".csv", ".tsv", ".txt", ".npz")
@@ -63,13 +64,27 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
 
 def is_log(path: Path) -> bool:
     """True if a file can be read by its suffix, or is a bag's folder or an episode of a dataset."""
-    known = path.name.lower().endswith((".npz", *TEXT, *ONE_CLOCK, *SEVERAL_CLOCKS))
-    return known or is_bag(path) or lerobot.is_dataset(path)
+    return bool(_format(path))
 
 
 def is_bag(path: Path) -> bool:
     """True if a file is a ROS bag, or the folder of one."""
-    return SEVERAL_CLOCKS.get(path.suffix.lower()) is bag.tables or (path / BAG_FOLDER).is_file()
+    return SEVERAL_CLOCKS.get(_format(path)) is bag.tables
+
+
+def has_several_clocks(path: Path) -> bool:
+    """True if a file holds tables that each have times of their own."""
+    return _format(path) in SEVERAL_CLOCKS
+
+
+def _format(path: Path) -> str:
+    """Format of a log: the end of its name, or the file that marks it as a bag's folder or a dataset; "" for none."""
+    if lerobot.is_dataset(path):
+        return lerobot.INFO
+    if (path / BAG_FOLDER).is_file():
+        return BAG_FOLDER
+    known = (*TEXT, ".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
+    return next((end for end in known if end[0] == "." and path.name.lower().endswith(end)), "")
 
 
 def files_in(path: Path) -> tuple[Path, ...]:
@@ -81,11 +96,6 @@ def files_in(path: Path) -> tuple[Path, ...]:
     if lerobot.is_dataset(path):
         return lerobot.parts(path)
     return tuple(sorted(each for each in path.iterdir() if each.is_file())) if path.is_dir() else (path,)
-
-
-def has_several_clocks(path: Path) -> bool:
-    """True if a file holds tables that each have times of their own."""
-    return path.suffix.lower() in SEVERAL_CLOCKS or is_bag(path)
 
 
 def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
@@ -101,7 +111,7 @@ def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
     """
     if not (path.is_file() or (path / BAG_FOLDER).is_file()):
         raise _refusal(path)
-    return SEVERAL_CLOCKS.get(path.suffix.lower(), bag.tables)(path, limit)
+    return SEVERAL_CLOCKS[_format(path)](path, limit)
 
 
 def read_tables(
@@ -129,29 +139,17 @@ def read_tables(
         LogError: The file is missing or malformed; an error in a later piece is raised when that piece is read.
         InputError: The library that reads it is not installed.
     """
-    kind = _kind(path)
+    kind = _format(path)
+    if kind not in (*TEXT, ".npz", *ONE_CLOCK) or not (path.is_file() or kind == lerobot.INFO):
+        raise _refusal(path)
     if kind in TEXT:
         return csv_pieces(path, samples, overlap=overlap, layout=layout, limit=limit)
     if layout not in (None, Layout()):
         raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
     if kind == ".npz":
         return npz_pieces(path, samples, overlap=overlap, truth=truth, limit=limit)
-    (table,) = (lerobot.tables if kind == lerobot.INFO else ONE_CLOCK[kind])(path, limit)
+    (table,) = ONE_CLOCK[kind](path, limit)
     return in_pieces(table, samples, overlap)
-
-
-def _kind(path: Path) -> str:
-    """Suffix of a file that is one table, or `lerobot.INFO` for an episode of a dataset.
-
-    Raises:
-        LogError: It is none of them.
-    """
-    if lerobot.is_dataset(path):
-        return lerobot.INFO
-    suffixes = (suffix for suffix in (*TEXT, ".npz", *ONE_CLOCK) if path.name.lower().endswith(suffix))
-    if path.is_file() and (suffix := next(suffixes, "")):
-        return suffix
-    raise _refusal(path)
 
 
 def _refusal(path: Path) -> LogError:
@@ -160,9 +158,8 @@ def _refusal(path: Path) -> LogError:
         return LogError("there is no such file; check its path and its name.")
     if path.is_dir():
         return LogError(f"the folder needs {BAG_FOLDER} of a ROS 2 bag or {lerobot.INFO} of a LeRobot dataset.")
-    one_clock = [suffix for suffix in ONE_CLOCK if suffix not in json_lines.SUFFIX[1:]]
-    ends = ", ".join((*TEXT[:3], ".npz", *one_clock, *SEVERAL_CLOCKS))
-    return LogError(f"logs end in {ends}, or are ROS 2 or LeRobot folders.")
+    others = [end for end in (*ONE_CLOCK, *SEVERAL_CLOCKS) if end[0] == "." and end not in json_lines.SUFFIX[1:]]
+    return LogError(f"logs end in {', '.join((*TEXT[:3], '.npz', *others))}, or are ROS 2 or LeRobot folders.")
 
 
 def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMIT) -> Markers:

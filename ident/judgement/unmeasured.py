@@ -18,7 +18,7 @@ from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import applied, coAd
 from ident.judgement.checks import NEAR, ContactCheck, NotCheckedError, check_contact, predicted_wrench, upward
 from ident.recordings.faults import running_median, runs
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.trajectory.angles_alone import smoothed
 

@@ -16,11 +16,9 @@ from ident.geometry.se3 import without_jumps
 from ident.recordings.columns.mapping import STATED, ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.plausibility import turns_of, with_continuous_angles
-from ident.recordings.sampled import AS_MEASURED
-from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
-from ident.recordings.stated import TRACKED
-from ident.recordings.times import POSES
+from ident.recordings.stated import TRACKED, annotations
+from ident.recordings.times import AS_MEASURED, POSES
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -175,11 +173,8 @@ def read_channels(
     channels = {
         key: _read(table, key, columns, notes, key.startswith(TRACKED) or (gaps and not key.startswith("base.")))
         for key, columns in mapping.columns.items()
-        if key != "time" and not key.endswith(".point")
+        if key != "time"
     }
-    for key in (key for key in mapping.columns if key.endswith(".point")):
-        # Without a force the point is missing or a quotient of noise, so no notes about it.
-        channels[key] = _read(_tame(table, mapping.columns[key].names), key, mapping.columns[key], [], True)
     others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
     if others:
         notes.append(
@@ -194,35 +189,18 @@ def read_channels(
 
 
 def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool) -> np.ndarray:
-    x = np.full((len(table.rows), len(columns.names)), np.nan)
-    for k, name in enumerate(columns.names):
-        if name:
-            x[:, k] = table.column(name, HUGE / columns.factor, gaps=gaps)
-            missing = np.isnan(x[:, k])
-            if missing.all():
-                if key.endswith((".position", ".quaternion")):
-                    raise LogError(f"column '{name}' is empty, but {key} needs it.")
-                notes.append(f"Column '{name}' ({key}) is empty and taken as missing.")
-            elif missing.any():
-                notes.append(f"Column '{name}' ({key}) is empty in {missing.sum()} of {len(x)} samples. {AS_MEASURED}")
+    # Without a force a point is missing or a quotient of noise, so no notes about it.
+    x, point = np.full((len(table.rows), len(columns.names)), np.nan), key.endswith(".point")
+    for k, name in ((k, name) for k, name in enumerate(columns.names) if name):
+        limit = HUGE if point else HUGE / columns.factor
+        x[:, k] = table.column(name, limit, gaps=gaps or point, tame=point)
+        missing = np.isnan(x[:, k])
+        if missing.all() and key.endswith((".position", ".quaternion")):
+            raise LogError(f"column '{name}' is empty, but {key} needs it.")
+        if missing.any() and not point:
+            much = f"in {missing.sum()} of {len(x)} samples. {AS_MEASURED}"
+            notes.append(f"Column '{name}' ({key}) is empty {'and taken as missing.' if missing.all() else much}")
     return x * columns.factor
-
-
-def _tame(table: Table, names: Sequence[str]) -> Table:
-    """The table with infinite and huge numbers of the named columns replaced by missing ones."""
-
-    def tame(cell: str) -> str:
-        try:
-            return cell if abs(float(cell.replace(",", "."))) <= HUGE else ""
-        except ValueError:
-            return cell
-
-    cells = {name: table.cells[name] for name in filter(None, names)}
-    for name, own in cells.items():
-        cells[name] = (
-            np.where(np.abs(own) <= HUGE, own, np.nan) if isinstance(own, np.ndarray) else [tame(cell) for cell in own]
-        )
-    return replace(table, cells={**table.cells, **cells})
 
 
 def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:

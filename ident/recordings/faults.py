@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ident.recordings.recording import Recording
 from ident.recordings.resolution import UNIFORM, quantum, white_noise
-from ident.recordings.sampled import Sampled, between_samples
+from ident.recordings.times import Sampled, between_samples
 from ident.tolerances import NORMAL_MAD
 
 AT_ONCE = 1_000_000

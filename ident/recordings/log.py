@@ -1,9 +1,9 @@
 """Reading of a user's log: columns found by name or by a mapping file, units converted, times repaired."""
 
 import sys
+from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,21 @@ import numpy as np
 from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
-from ident.files.column import BALL, COMMAND, KINDS, Columns
-from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
+from ident.files.column import BALL, COMMAND, KINDS
 from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import counted, selected
-from ident.files.table import BASE, TRUE, Table, in_pieces
+from ident.files.table import BASE, TRUE, TYPES, InMemory, Table, in_pieces, kind_of, table_of
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force, with_servos
 from ident.recordings.recording import Recording, poses
-from ident.recordings.sampled import Sampled
-from ident.recordings.saved import annotations
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
+from ident.recordings.stated import annotations
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import misspelt
 
@@ -101,20 +99,15 @@ def read_log_pieces(
 
 def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
     """Recording of columns in memory, arguments as for `read_log`."""
-    name = f"The {kind_of(source)}"
     try:
         if (table := table_of(source)) is None:
             several = " Read each by itself, or give `identify` the list." if isinstance(source, list | tuple) else ""
             raise InputError(f"A log needs the path of a file, or {TYPES}; got {described(source)}.{several}")
-        mapping, kinds = _mapping(columns, mechanism), joint_kinds(mechanism.tree)
-        table = replace(table, sums=mapping.sums)
-        if mapping.selection:
-            clock = with_names(mapping, table, kinds).columns["time"]
-            table = selected(table, mapping.selection, clock)
-        tables = counted([table], mapping.columns.get("time"))
+        mapping = _mapping(columns, mechanism)
+        tables = _selected([table], mapping, mechanism, sys.maxsize)
         (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps)
     except LogError as error:
-        raise LogError(f"{name}: {error}") from None
+        raise LogError(f"The {kind_of(source)}: {error}") from None
     return recording
 
 
@@ -154,7 +147,10 @@ def _pieces(
             yield from _recordings([tables], mechanism, mapping, gaps=gaps if together else None, clocks=True)
             return
         check_number(1, mapping)
-        tables_of_file = _tables(path, mapping, joint_kinds(mechanism.tree), max(samples, LEAST_SAMPLES), limit)
+        samples = max(samples, LEAST_SAMPLES)
+        at_once = sys.maxsize if mapping.selection else samples
+        pieces = read_tables(path, at_once, overlap=1, limit=limit, layout=mapping.layouts[0])
+        tables_of_file = _selected(pieces, mapping, mechanism, samples)
         yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps)
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
@@ -183,7 +179,11 @@ def _recordings(
     for tables in pieces:
         first, notes = clock is None, list[str]()
         if clock is None:
-            mapping = mapping_of(tables, mapping, kinds) if clocks else _of_one_table(tables[0], mapping, kinds)
+            if clocks:
+                mapping = mapping_of(tables, mapping, kinds)
+            else:
+                _check_length(len(tables[0].rows))
+                mapping = with_names(mapping, tables[0], kinds)
             mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
             kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
         told = notes if first else []
@@ -202,44 +202,26 @@ def _recordings(
         unused = [name for table in tables for name in table.cells if name not in mapping.used]
         if first:
             notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
-            _check(recording, mapping, mechanism, kinds, notes)
-        origins = [annotations(table.metadata).get("provenance", {}) for table in tables]
-        yield replace(
-            recording, notes=notes, unused=unused, provenance={k: x for own in origins for k, x in own.items()}
-        )
+            hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
+            check_angles(recording, mapping, hinges)
+            check_rates(recording, hinges)
+            notes += unit_of_force(recording, mapping, mechanism)
+        origins = ChainMap(*(annotations(table.metadata).get("provenance", {}) for table in reversed(tables)))
+        yield replace(recording, notes=notes, unused=unused, provenance=dict(origins))
     if clock is None:
         _check_length(0)
 
 
-def _of_one_table(table: Table, mapping: ColumnMapping, kinds: Mapping[str, str]) -> ColumnMapping:
-    """The mapping completed by the names of a table's columns."""
-    _check_length(len(table.rows))
-    return with_names(mapping, table, kinds)
-
-
-def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
-    """Pieces of the selected samples of a file of one table."""
-    whole = bool(mapping.selection)
-    samples_of_file = sys.maxsize if whole else samples
-    pieces = read_tables(path, samples_of_file, overlap=1, limit=limit, layout=mapping.layouts[0])
+def _selected(pieces: Iterable[Table], mapping: ColumnMapping, mechanism: Mechanism, samples: int) -> Iterator[Table]:
+    """Pieces of the selected samples of one table, which with a selection comes whole."""
     for table in counted(pieces, mapping.columns.get("time"), overlap=1):
         cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
         table = replace(table, cells=cells, sums=mapping.sums)
-        if not whole:
+        if mapping.selection:
+            clock = with_names(mapping, table, joint_kinds(mechanism.tree)).columns["time"]
+            yield from in_pieces(selected(table, mapping.selection, clock), samples, 1)
+        else:
             yield table
-            continue
-        clock = with_names(mapping, table, kinds).columns["time"]
-        yield from in_pieces(selected(table, mapping.selection, clock), samples, 1)
-
-
-def _check(
-    recording: Recording, mapping: ColumnMapping, mechanism: Mechanism, kinds: Mapping[str, str], notes: list[str]
-) -> None:
-    """Refuses units that are implausible, and notes those that are doubtful."""
-    hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
-    check_angles(recording, mapping, hinges)
-    check_rates(recording, hinges)
-    notes += unit_of_force(recording, mapping, mechanism)
 
 
 def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
@@ -249,13 +231,8 @@ def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
         for kind, (name, *_) in {**KINDS, "command": (COMMAND,)}.items():
             ends = [f".{c}" for c in BALL.get(kind, "")] if joint_kind == "ball" else [""]
             wanted[f"joints.{joint}.{kind}"] = [name.format(joint) + end for end in ends]
-    none = Columns(())
-    return [
-        name
-        for key, names in wanted.items()
-        for name, own in zip_longest(names, mapping.columns.get(key, none).names[: len(names)])
-        if not own
-    ]
+    own = {key: mapping.columns[key].names if key in mapping.columns else () for key in wanted}
+    return [name for key, names in wanted.items() for k, name in enumerate(names) if not any(own[key][k : k + 1])]
 
 
 def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
@@ -272,9 +249,7 @@ def _check_length(samples: int) -> None:
 
 def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
     """Recording with the channels under its own names, without joint channels that are missing."""
-    measured: dict[str, np.ndarray] = {}
-    streams: dict[str, Sampled] = {}
-    units: dict[str, str] = {}
+    measured, streams, units = dict[str, np.ndarray](), dict[str, Sampled](), dict[str, str]()
     for key, x in repaired.channels.items():
         room, _, rest = key.partition(".")
         name, _, kind = rest.rpartition(".")
@@ -284,37 +259,35 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         if channel in measured:
             others = "a wrench or a tracked pose"
             raise LogError(f"a joint and {others} are both named '{name}', and both have a {kind}; rename the latter.")
-        measured[channel] = x[:, 0] if x.shape[1] == 1 else x
+        measured[channel] = _flat(x)
         if key in repaired.streams:
-            time, values = repaired.streams[key]
-            streams[channel] = Sampled(time, values[:, 0] if x.shape[1] == 1 else values)
+            streams[channel] = Sampled(repaired.streams[key].time, _flat(repaired.streams[key].values))
         if mapping.columns[key].unit:
             units[channel] = mapping.columns[key].unit
-    base = _base(repaired.channels, len(repaired.time))
     of_base = {key: stream for key, stream in repaired.streams.items() if key.startswith("base.")}
-    if of_base:
-        time = next(iter(of_base.values())).time
-        as_measured = _base({key: stream.values for key, stream in of_base.items()}, len(time))
-        assert as_measured is not None
-        streams[BASE] = Sampled(time, as_measured.reshape(-1, 16))
+    own = _base({key: stream.values for key, stream in of_base.items()})
+    if own is not None:
+        streams[BASE] = Sampled(next(iter(of_base.values())).time, own.reshape(-1, 16))
     return Recording(
         repaired.time,
         measured,
         units=units,
-        base=base,
+        base=_base(repaired.channels),
         streams=streams,
         sensors=mapping.sensors,
         **{name: getattr(mapping, name) for name in STATED},
     )
 
 
-def _base(channels: Mapping[str, np.ndarray], samples: int) -> np.ndarray | None:
+def _flat(x: np.ndarray) -> np.ndarray:
+    return x[:, 0] if x.shape[1] == 1 else x
+
+
+def _base(channels: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Poses of a moving base (N, 4, 4)."""
     if "base.pose" in channels:
-        return channels["base.pose"].reshape(samples, 4, 4)
-    if "base.position" in channels:
-        return poses(channels["base.position"], channels["base.quaternion"])
-    return None
+        return channels["base.pose"].reshape(-1, 4, 4)
+    return poses(channels["base.position"], channels["base.quaternion"]) if "base.position" in channels else None
 
 
 def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: list[str]) -> Recording:

@@ -13,8 +13,8 @@ from ident.files.table import Table, short
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled
 from ident.recordings.stated import Servo, model_servo
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.tolerances import KILONEWTONS, TURNS
 
@@ -92,7 +92,6 @@ def with_continuous_angles(table: Table, turns: Mapping[str, Sequence[float]], n
                 cells[name] = out + ends.get(name, 0.0)
                 gone = (cells[name] - x)[np.isfinite(x)]
                 ends[name] = float(gone[-1]) if len(gone) else ends[name]
-                table.memory.marks.setdefault(name, set())
     return replace(table, cells=cells)
 
 

@@ -21,9 +21,17 @@ from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
-from ident.recordings import saved
-from ident.recordings.sampled import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
-from ident.recordings.stated import Servo, Tracker
+from ident.recordings.stated import Servo, Tracker, load, save
+from ident.recordings.times import (
+    STREAMS,
+    Sampled,
+    check_times,
+    checked_channel,
+    checked_stream,
+    interpolated,
+    interpolated_poses,
+    uniform_times,
+)
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:
@@ -161,7 +169,12 @@ class Recording(Brief):
         Raises:
             LogError: A stream is malformed, they have no time in common, or the rate is unknown.
         """
-        return cls(**at_common_times(streams, rate), **others)
+        check_type("streams", streams, Mapping, STREAMS)
+        checked = {name: checked_stream(name, stream) for name, stream in streams.items()}
+        time = uniform_times(checked, rate)
+        measured = {name: interpolated(stream, time) for name, stream in checked.items() if name != BASE}
+        base = interpolated_poses(checked[BASE], time) if BASE in checked else None
+        return cls(time, measured, base=base, streams=checked, **others)
 
     @property
     def rate(self) -> float:
@@ -328,7 +341,7 @@ class Recording(Brief):
             LogError: A channel has a name that a file cannot hold, or the file another suffix.
             InputError: The folder does not exist.
         """
-        saved.save(checked_path("path", path), vars(self))
+        save(checked_path("path", path), vars(self))
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
@@ -361,7 +374,7 @@ class Recording(Brief):
             raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
         file = checked_path("path", path)
         try:
-            for fields in saved.load(file, samples, limit=limit):
+            for fields in load(file, samples, limit=limit):
                 yield cls(**fields)
         except (LogError, OSError) as error:
             raise LogError(f"{path}: {error}", file) from error

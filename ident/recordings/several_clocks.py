@@ -5,23 +5,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os.path import realpath
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.csv_file import Layout
-from ident.files.readers import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
+from ident.files.readers import TEXT, has_several_clocks, is_bag, is_log, read_clocks, read_tables
 from ident.files.selection import EPOCH, counted, selected
 from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
-from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.stated import untracked
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
-
-TIME = "time"
-"""Column of every table's own times, s."""
+from ident.recordings.times import TIME, Repaired, Sampled, streams_of, together
 
 USUAL = ("time", "t")
 """Names of columns of times."""
@@ -77,29 +73,7 @@ def read_streams(
             "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
             f"{listed(columns)}."
         )
-    joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
-    rate = max(map(rate_of, (streams[key] for key in joints or streams)))
-    for key, stream in streams.items():
-        check_jumps(f"the time of {key}", stream.time, 1 / rate)
-    common = uniform_times(untracked(streams), rate)
-    if len(common) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")
-    return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
-
-
-def streams_of(
-    table: Table, clock: Columns, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool | None
-) -> dict[str, Sampled]:
-    """Channels (N, k) at the times of a table, without repeated samples; arguments as for `read_streams`."""
-    if gaps is not None:
-        # Time steps are checked as in a log with one clock.
-        repaired = Clock(clock, gaps).repaired(table, channels, notes)
-        return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
-    time = table.column(TIME)
-    kept = increasing(table, TIME, time, channels, notes)
-    if len(kept) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
-    return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+    return together(streams)
 
 
 def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
@@ -205,7 +179,7 @@ def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> li
     """Tables of one of the files."""
     if is_bag(file):
         raise LogError("a bag counts its times from its first message; it cannot be put together with other files.")
-    if file.suffix.lower() in SEVERAL_CLOCKS:
+    if has_several_clocks(file):
         return read_clocks(file, limit=limit)
     pieces = list(read_tables(file, limit=limit, layout=layout))
     if not pieces:
@@ -237,18 +211,11 @@ def _apart(files: Sequence[Sequence[Table]]) -> list[list[Table]]:
     """The tables, with the file's number in the names of columns that several files have."""
     count = Counter(name for tables in files for name in {name for table in tables for name in table.cells})
 
-    def own(number: int, name: str) -> str:
-        return f"{number}:{name}" if count[name] > 1 and name != TIME else name
+    def own(number: int, columns: Mapping[str, Any]) -> dict[str, Any]:
+        return {f"{number}:{name}" if count[name] > 1 and name != TIME else name: x for name, x in columns.items()}
 
     return [
-        [
-            replace(
-                table,
-                cells={own(k, name): x for name, x in table.cells.items()},
-                units={own(k, name): unit for name, unit in table.units.items()},
-            )
-            for table in tables
-        ]
+        [replace(table, cells=own(k, table.cells), units=own(k, table.units)) for table in tables]
         for k, tables in enumerate(files, start=1)
     ]
 

@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.plates import Plate
 from ident.recordings.faults import runs
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
 
 CLOSE = 1.5
@@ -43,7 +43,9 @@ def about_origins(
     out = dict(channels)
     for name, plate in plates.items():
         force, torque = (f"wrenches.{name}.{kind}" for kind in ("force", "torque"))
-        quiet = _is_quiet(out[force], plate.threshold)
+        known = ~np.isnan(out[force]).all(axis=0)
+        # Of missing samples and components nothing is known.
+        quiet = np.linalg.norm(out[force][:, known], axis=1) <= (plate.threshold if known.any() else -1.0)
         if plate.point is not None:
             out[torque] = _moment(table, f"wrenches.{name}", out, plate, quiet, gaps)
         elif not plate.threshold:
@@ -60,21 +62,12 @@ def about_origins(
     return out
 
 
-def _is_quiet(force: np.ndarray, threshold: float) -> np.ndarray:
-    """Mask of samples whose force, by its measured components, is at most a threshold; False for missing ones (N,)."""
-    known = ~np.isnan(force).all(axis=0)
-    return np.linalg.norm(force[:, known], axis=1) <= (threshold if known.any() else -1.0)
-
-
 def _moment(
     table: Table, where: str, channels: dict[str, np.ndarray], plate: Plate, quiet: np.ndarray, gaps: bool
 ) -> np.ndarray:
     """Moment about the frame's origin of a force at a point (N, 3); removes point and free moment from the channels."""
-    measured, free, force = (
-        channels.pop(f"{where}.point"),
-        channels.pop(f"{where}.free_moment"),
-        channels[f"{where}.force"],
-    )
+    measured, free = (channels.pop(f"{where}.{kind}") for kind in ("point", "free_moment"))
+    force = channels[f"{where}.force"]
     assert plate.point is not None
     point = np.where(quiet[:, None], 0.0, np.where(np.isnan(plate.point), measured, plate.point))
     lost = np.isnan(point).any(axis=1) & np.isfinite(force).all(axis=1)

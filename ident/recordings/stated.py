@@ -1,18 +1,26 @@
-"""Servos of commanded joints and frames of tracked bodies, which a recording states beside its samples."""
+"""What a recording states beside its samples: servos, tracked bodies; and recordings as files, read back exactly."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
+from dataclasses import fields as data_fields
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
 from ident.annotations import Needs, NotNegative, Positive, typed
+from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
+from ident.files.readers import read_tables, write_channels
 from ident.files.schema import made, value_of
-from ident.mechanism.body import is_rigid
+from ident.files.table import BASE, METADATA, TRUE, is_number, short
+from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.recordings.columns.entries import Row
+from ident.recordings.wrench import Sensor
 
 GAINS = ("kp", "kv")
 """Keys of a joint's entry in a mapping that state the gains of its servo."""
@@ -62,22 +70,18 @@ def scale_of(joint: str, entry: Mapping[str, Any]) -> dict[str, float]:
     Raises:
         LogError: It is no number above 0, or its channel is not mapped.
     """
-    out = dict[str, float]()
-    for key, channel in SCALES.items():
-        if key not in entry:
-            continue
-        if channel not in entry:
-            raise LogError(f"joints.{joint} states {key}; that needs its {channel} as well.")
-        out |= {joint: value_of(f"joints.{joint}.{key}", entry[key], Scale)}
-    return out
+    stated = [key for key in SCALES if key in entry]
+    if without := [key for key in stated if SCALES[key] not in entry]:
+        raise LogError(f"joints.{joint} states {without[0]}; that needs its {SCALES[without[0]]} as well.")
+    scales = [value_of(f"joints.{joint}.{key}", entry[key], Scale) for key in stated]
+    return {joint: scales[-1]} if scales else {}
 
 
 def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
     """Servo of a joint by the model's position actuator; None without one, or if it acts through a gear."""
     actuators = [each for each in mechanism.drives.get(joint, NO_DRIVE).actuators if each.kind == "position"]
-    if len(actuators) != 1 or actuators[0].gear != 1:
-        return None
-    return Servo(actuators[0].kp, actuators[0].kv)
+    alone = len(actuators) == 1 and actuators[0].gear == 1
+    return Servo(actuators[0].kp, actuators[0].kv) if alone else None
 
 
 Stream = TypeVar("Stream")
@@ -113,3 +117,105 @@ def untracked(streams: Mapping[str, Stream]) -> dict[str, Stream]:
 def tracked_bodies(tree: Tree) -> list[str]:
     """Names of the bodies that joints move."""
     return [body.name for i, body in enumerate(tree.bodies) if any(tree.bodies[k].moves for k in tree.chain(i))]
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Metadata `stated`: fields of a recording that are no mappings."""
+
+    held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
+    still: bool = False
+    loaded: str = ""
+
+
+KINDS: Mapping[str, Any] = {
+    "sensors": Mapping[str, Sensor],
+    "servos": Mapping[str, Servo],
+    "scales": Mapping[str, Scale],
+    "couplings": Mapping[str, Row],
+    "followers": Mapping[str, Follower],
+    "trackers": Mapping[str, Tracker],
+    "stated": Stated,
+}
+"""Types of metadata that are more than JSON, by name."""
+
+
+def save(path: Path, fields: Mapping[str, Any]) -> None:
+    """Writes a `.npz` or `.csv` file.
+
+    Args:
+        path: File to write.
+        fields: Fields of the recording, by name.
+
+    Raises:
+        LogError: A channel has a name that a file cannot hold.
+    """
+    measured, base = fields["measured"], fields["base"]
+    for name in measured:
+        if is_number(name) or not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
+            raise LogError(f"A channel's name cannot be {name!r}: in a file it is a word without commas and dots.")
+    channels = {"time": fields["time"], **measured} | {f"{TRUE}{name}": x for name, x in fields["true"].items()}
+    if base is not None:
+        channels[BASE] = base.reshape(-1, 16)
+    always = {name: fields[name] for name in ("units", "noise", "provenance")}
+    others = {name: plain(fields[name]) for name in METADATA if name in fields and name not in always}
+    stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {
+        name: fields[name] or None for name in ("still", "loaded")
+    }
+    others["stated"] = {name: x for name, x in stated.items() if x is not None}
+    write_channels(path, channels, always | {name: content for name, content in others.items() if content})
+
+
+def plain(value: Any) -> Any:
+    """Data classes, arrays and sequences in JSON's types, without entries that are None."""
+    if is_dataclass(value):
+        return {each.name: plain(x) for each in data_fields(value) if (x := getattr(value, each.name)) is not None}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(x) for key, x in value.items()}
+    return list(map(plain, value)) if isinstance(value, list | tuple) else value
+
+
+def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
+    """Reads a file piece by piece and yields the fields of a recording, by name.
+
+    Args:
+        path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
+        samples: Samples of each piece; the last one may have fewer.
+        limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
+
+    Raises:
+        LogError: The file is missing or not a recording; raised when the faulty piece is read.
+    """
+    last = -np.inf
+    for table in read_tables(path, samples, truth=True, limit=limit):
+        if "time" not in table.cells:
+            raise LogError(f"a recording needs a column 'time'; {table.available()}.")
+        channels = table.channels()
+        increases = np.diff(channels["time"], prepend=last) > 0
+        if not increases.all():
+            raise LogError(f"{table.row(int(np.argmin(increases)))}, column 'time' needs to increase.")
+        last = channels["time"][-1]
+        yield _fields(channels, table.metadata)
+    if last == -np.inf:
+        raise LogError("a recording needs samples, it has none.")
+
+
+def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a recording from the channels and the metadata of a file."""
+    time, base = channels.pop("time"), channels.pop(BASE, None)
+    true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
+    measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
+    if base is not None and base.shape[1:] == (16,):
+        base = base.reshape(-1, 4, 4)
+    return {"time": time, "measured": measured, "true": true, "base": base} | annotations(metadata)
+
+
+def annotations(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a recording other than channels from the metadata of a file."""
+    out = {name: value_of(name, metadata[name], KINDS.get(name, Any)) for name in METADATA if name in metadata}
+    for body, known in out.get("known_bodies", {}).items():
+        checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
+    return out | vars(out.pop("stated", Stated()))

@@ -1,16 +1,205 @@
-"""Times of a log: repeated samples dropped, gaps refused or kept, jitter resampled, with the streams as measured."""
+"""Channels at times of their own, interpolated at common times; times of a log, with gaps and jitter.
 
+At common times a channel is interpolated linearly, which is wrong between distant samples. Only the trajectory estimate
+takes samples at their own times.
+"""
+
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.selection import EPOCH
-from ident.files.table import Table
-from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
+from ident.files.table import BASE, Table
+from ident.mechanism.body import is_rigid
 from ident.recordings.stated import untracked
+
+GAP = 1.5
+"""Multiple of the median time step above which a step is a gap."""
+
+AS_MEASURED = "The trajectory estimate does without them; all else sees straight lines between the samples there are."
+"""Note on missing samples."""
+
+
+STREAMS = "a mapping of pairs of times and values"
+"""Description of streams, for messages."""
+
+
+class Sampled(NamedTuple):
+    """Samples of a channel at times of its own.
+
+    Attributes:
+        time: Sample times, s (N,).
+        values: Samples, NaN where one is missing (N,) or (N, d).
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Samples by component (N, d)."""
+        return self.values.reshape(len(self.time), -1)
+
+
+def checked_channel(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
+    """The channel as a read-only array, checked: columns finite or NaN throughout, `samples` long (None: any length).
+
+    Raises:
+        LogError: It is no such channel.
+    """
+    x = _copied(values)
+    dimensions = (1,) if samples is None else (1, 2)
+    if x.ndim not in dimensions or samples not in (None, len(x)) or x.size == 0:
+        raise LogError(
+            f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
+        )
+    finite = np.isfinite(x)
+    if not finite.all() and not (finite | np.isnan(x).all(axis=0)).all():
+        bad = tuple(np.argwhere(~finite)[0])
+        raise LogError(f"Channel '{name}' needs finite numbers; sample {bad[0]} is {x[bad]}.")
+    x.flags.writeable = False
+    return x
+
+
+def check_times(what: str, time: np.ndarray) -> None:
+    """Refuses times that are not finite or do not increase."""
+    if not np.isfinite(time).all():
+        raise LogError(f"{what} need finite numbers.")
+    if not (later := np.diff(time) > 0).all():
+        raise LogError(f"{what} must increase; sample {int(np.argmin(later)) + 1} does not.")
+
+
+def checked_stream(name: str, stream: tuple[Iterable[float], Iterable[float]]) -> Sampled:
+    """The stream as read-only arrays, checked to have increasing times.
+
+    Raises:
+        LogError: They are not a pair of times (N,) and values (N,) or (N, d), finite or missing.
+    """
+    try:
+        time, values = map(_copied, stream)
+    except (TypeError, ValueError):
+        raise LogError(f"The stream '{name}' needs a pair of times and values, both of numbers.") from None
+    if time.ndim != 1 or values.ndim not in (1, 2) or len(time) != len(values) or values.size == 0:
+        raise LogError(
+            f"The stream '{name}' needs times (N,) and values (N,) or (N, d), got {time.shape} and {values.shape}."
+        )
+    check_times(f"The times of the stream '{name}'", time)
+    if np.isinf(values).any():
+        raise LogError(f"The stream '{name}' needs numbers, NaN for a missing one; got an infinite one.")
+    time.flags.writeable = values.flags.writeable = False
+    return Sampled(time, values)
+
+
+def _copied(values: Iterable[float]) -> np.ndarray:
+    """Numbers as a new array; an array that another recording has checked and frozen is not copied."""
+    frozen = isinstance(values, np.ndarray) and values.flags.owndata and not values.flags.writeable
+    return np.asarray(values, float) if frozen else np.array(values, float)
+
+
+def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> np.ndarray:
+    """Uniform times over the span that all streams cover, s.
+
+    Args:
+        streams: Streams by channel; columns without any sample are ignored.
+        rate: Samples per second, by default the fastest joint position's, or that of a moving base.
+
+    Raises:
+        LogError: The rate is unknown, or there is no time that all streams cover.
+    """
+    if rate is None:
+        rates = {k: rate_of(x) for k, x in streams.items() if len(x.time) > 1}
+        joints = [rates[k] for k in rates if k.endswith("_position") and streams[k].values.ndim == 1]
+        if not joints and BASE not in rates:
+            raise LogError("Streams without joint positions need a rate for the times that they have in common.")
+        rate = max(joints, default=rates.get(BASE, 0.0))
+    if not 0 < rate < np.inf:
+        raise LogError(f"Streams need a positive rate in Hz for the times that they have in common, got {rate}.")
+    spans = {k: span for k, x in streams.items() if (span := covered(x)) is not None}
+    if not spans:
+        raise LogError("Streams need samples, there is none.")
+    latest, soonest = max(spans, key=lambda k: spans[k][0]), min(spans, key=lambda k: spans[k][1])
+    start, end = spans[latest][0], spans[soonest][1]
+    samples = int(np.floor((end - start) * rate * (1 + 1e-12) + 1e-9)) + 1
+    if samples < 2:
+        raise LogError(
+            f"Streams need a time that all of them cover; '{latest}' begins at {start:g} s and '{soonest}' ends at "
+            f"{end:g} s."
+        )
+    return np.minimum(start + np.arange(samples) / rate, end)
+
+
+def rate_of(stream: Sampled) -> float:
+    """Rate of a stream of at least two samples, from the mean of the steps that are no gaps, Hz."""
+    steps = np.diff(stream.time)
+    return float(1 / steps[steps <= GAP * np.median(steps)].mean())
+
+
+def covered(stream: Sampled) -> tuple[float, float] | None:
+    """First and last time that all measured components cover; None if none is measured."""
+    there = np.isfinite(stream.columns)
+    there = there[:, there.any(axis=0)]
+    if not there.size:
+        return None
+    return float(stream.time[there.argmax(axis=0).max()]), float(stream.time[::-1][there[::-1].argmax(axis=0).max()])
+
+
+def interpolated(stream: Sampled, time: np.ndarray) -> np.ndarray:
+    """Linear interpolation, also over missing samples; columns without samples stay NaN (M,) or (M, d)."""
+    out = np.full((len(time), stream.columns.shape[1]), np.nan)
+    for k, column in enumerate(stream.columns.T):
+        there = np.isfinite(column)
+        if there.any():
+            out[:, k] = np.interp(time, stream.time[there], column[there])
+    return out.reshape(len(time), *stream.values.shape[1:])
+
+
+def interpolated_poses(stream: Sampled, time: np.ndarray) -> np.ndarray:
+    """Poses (M, 4, 4) interpolated between those of a stream (N, 16), rotations at a constant rate.
+
+    Raises:
+        LogError: They are no poses.
+    """
+    there = np.isfinite(stream.columns).all(axis=1)
+    if stream.columns.shape[1] != 16 or there.sum() < 2 or not is_rigid(stream.columns[there].reshape(-1, 4, 4)):
+        raise LogError(f"The stream '{BASE}' needs rigid poses (N, 16), row by row, got shape {stream.values.shape}.")
+    poses, own = stream.columns[there].reshape(-1, 4, 4), stream.time[there]
+    out = np.tile(np.eye(4), (len(time), 1, 1))
+    out[:, :3, :3] = Slerp(own, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(time, own[0], own[-1])).as_matrix()
+    out[:, :3, 3] = interpolated(Sampled(own, poses[:, :3, 3]), time)
+    return out
+
+
+def between_samples(stream: Sampled, time: np.ndarray, reach: float) -> np.ndarray:
+    """Mask of times at complete samples, or between two that are at most `reach` seconds apart (M,)."""
+    own = stream.time[np.isfinite(stream.columns).all(axis=1)]
+    if not len(own):
+        return np.zeros(len(time), bool)
+    before = own[np.maximum(np.searchsorted(own, time, side="right") - 1, 0)]
+    after = own[np.minimum(np.searchsorted(own, time), len(own) - 1)]
+    return (before <= time) & (time <= after) & (after - before <= reach)
+
+
+def side_by_side(streams: Iterable[Sampled]) -> Sampled:
+    """Streams joined at the times of all of them, NaN where one has no sample (N, d)."""
+    streams = list(streams)
+    time = streams[0].time
+    if all(np.array_equal(stream.time, time) for stream in streams):
+        return Sampled(time, np.hstack([stream.columns for stream in streams]))
+    time = np.unique(np.concatenate([stream.time for stream in streams]))
+    values = []
+    for stream in streams:
+        values.append(np.full((len(time), stream.columns.shape[1]), np.nan))
+        values[-1][np.searchsorted(time, stream.time)] = stream.columns
+    return Sampled(time, np.hstack(values))
+
+
+TIME = "time"
+"""Column of the times of a table that has its own, s."""
 
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
@@ -207,6 +396,40 @@ def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
         return grid
     first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)
     inside = grid[(grid >= max(first)) & (grid <= min(last))]
-    if len(inside) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(inside)}.")
+    _check_covered(inside)
     return inside
+
+
+def streams_of(
+    table: Table, clock: Columns, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool | None
+) -> dict[str, Sampled]:
+    """Channels (N, k) at the times of a table, without repeated samples; `gaps` is None where the format allows any."""
+    if gaps is not None:
+        # Time steps are checked as in a log with one clock.
+        repaired = Clock(clock, gaps).repaired(table, channels, notes)
+        return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
+    time = table.column(TIME)
+    kept = increasing(table, TIME, time, channels, notes)
+    if len(kept) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
+    return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+
+
+def together(streams: dict[str, Sampled]) -> Repaired:
+    """Streams as measured and at common times, at the rate of the fastest joint position, or of any without joints.
+
+    Raises:
+        LogError: Times are too far apart, or too few are covered by all.
+    """
+    joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
+    rate = max(map(rate_of, (streams[key] for key in joints or streams)))
+    for key, stream in streams.items():
+        check_jumps(f"the time of {key}", stream.time, 1 / rate)
+    common = uniform_times(untracked(streams), rate)
+    _check_covered(common)
+    return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
+
+
+def _check_covered(time: np.ndarray) -> None:
+    if len(time) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(time)}.")

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from ident.recordings.faults import GROSS, longest_step, running_median
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.tolerances import NORMAL_MAD
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline

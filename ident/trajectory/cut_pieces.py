@@ -12,8 +12,8 @@ from ident.estimation.recorded_motion import REFERENCES, WIDTH, measured_poses, 
 from ident.files.table import BASE
 from ident.geometry.se3 import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
-from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff
+from ident.recordings.times import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.wrench import GROUND, Sensor
 from ident.trajectory.algebra.spline import ORDER, Spline
 from ident.trajectory.fit.piece import Piece

@@ -14,7 +14,7 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import channel_scales
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit

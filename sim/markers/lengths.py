@@ -16,9 +16,8 @@ import numpy as np
 from scipy import linalg
 
 from ident.errors import InputError
-from sim.markers.frame_fit import Kinematics, normal_equations
 from sim.markers.marked_model import MarkedModel
-from sim.markers.trial_fit import Postures, check_fit, fit_trial, plain_fits
+from sim.markers.trial_fit import Kinematics, Postures, check_fit, fit_trial, normal_equations, plain_fits
 from sim.models.notes import body_id, body_name
 
 SPREAD = 0.2

@@ -32,8 +32,7 @@ from sim.models.model_drives import SAME, changed_drives, changed_servos, state_
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.notes import body_name, refusals
-from sim.models.opensim.reading import OpenSimOrigin, is_opensim
-from sim.models.opensim.update import write_opensim
+from sim.models.opensim.reading import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import updated_urdf
 from sim.models.xml_files import digits, parsed, with_sections
@@ -43,6 +42,9 @@ Editable: TypeAlias = mujoco.MjSpec | str | Path
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that generate bodies which the file does not list."""
+
+Stated = tuple[float, np.ndarray, np.ndarray]
+"""Mass, centre of mass, and inertia about it."""
 
 UNCHANGED = ("equality", "tendon")
 """Sections of MJCF, in which nothing is identified."""
@@ -238,11 +240,7 @@ def _mjcf(origin: Origin, update: Update, folder: Path) -> bytes:
     return with_sections(Path(str(source)), data, source_text, UNCHANGED) if source_text else data
 
 
-def _state(
-    root: ET.Element,
-    inertials: dict[int, Inertial],
-    noted: Mapping[int, tuple[str, tuple[float, np.ndarray, np.ndarray]]],
-) -> None:
+def _state(root: ET.Element, inertials: dict[int, Inertial], noted: Mapping[int, tuple[str, Stated]]) -> None:
     """States inertias of bodies by their ids, with comments and short numbers where there are any."""
     bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
     for b, inertial in inertials.items():
@@ -257,13 +255,10 @@ def _state(
         body.insert(0, ET.Element("inertial", {key: digits(x) for key, x in numbers.items()}))
         body[0].tail = body.text
         if b in noted:
-            for old in [
-                each
-                for each in body
-                if callable(each.tag) and (each.text or "").split(":")[0].strip() == text.split(":")[0]
-            ]:
+            begin, remarks = text.split(":")[0], [each for each in body if callable(each.tag)]
+            for old in (each for each in remarks if (each.text or "").split(":")[0].strip() == begin):
                 body.remove(old)
-            body.insert(0, ET.Comment(f" {noted[b][0]} "))
+            body.insert(0, ET.Comment(f" {text} "))
             body[0].tail = body.text
     for compiler in root.findall("compiler"):
         for key in OVERRIDING:

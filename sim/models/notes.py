@@ -72,16 +72,12 @@ def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     Raises:
         ModelError: There is none.
     """
-    first, count, several = {
-        mujoco.mjtObj.mjOBJ_BODY: (1, model.nbody, "bodies"),
-        mujoco.mjtObj.mjOBJ_JOINT: (0, model.njnt, "joints"),
-    }[kind]
-    names = [name_of(model, kind, index) for index in range(first, count)]
+    is_body = kind == mujoco.mjtObj.mjOBJ_BODY
+    names = [name_of(model, kind, index) for index in range(is_body, model.nbody if is_body else model.njnt)]
     if name not in names:
-        raise ModelError(
-            f"The model has no {_STEMS[kind]} named '{name}'; its {several} are {', '.join(names) or 'none'}."
-        )
-    return first + names.index(name)
+        there = f"its {'bodies' if is_body else 'joints'} are {', '.join(names) or 'none'}"
+        raise ModelError(f"The model has no {_STEMS[kind]} named '{name}'; {there}.")
+    return names.index(name) + is_body
 
 
 def body_id(model: mujoco.MjModel, name: str) -> int:

@@ -137,11 +137,7 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path):
 
 
 TREE = Tree((Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0.0]), "elbow"),))
-READERS = {
-    "columns": lambda path: read_mapping(path, TREE),
-    "markers": read_settings,
-    "study": study_entries.read,
-}
+READERS = {"columns": lambda path: read_mapping(path, TREE), "markers": read_settings, "study": study_entries.read}
 KEY = ".".join(["a"] * 20_000)
 TEXTS = {
     "dots": f"{KEY} = 1",

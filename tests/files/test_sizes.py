@@ -20,7 +20,7 @@ from experiments import identify
 from experiments.runs.workers import Checkpoint
 from ident.errors import InputError, LogError
 from ident.estimate import Estimate
-from ident.files import csv_file, text_file
+from ident.files import csv_file
 from ident.files.formats.bag import largest_chunk
 from ident.files.readers import read_clocks, read_tables
 from ident.mechanism.body import Body
@@ -53,7 +53,7 @@ def packed(path, text):
 @pytest.mark.parametrize("text", [b"%s", b"# %s", b"time,q\n0,%s", b"nRows=1\n%s"])
 @pytest.mark.parametrize("end", ["csv", "csv.gz", "mot", "trc"])
 def test_one_line_is_not_read_whole(tmp_path, monkeypatch, text, end):
-    monkeypatch.setattr(text_file, "LONGEST", 1000)
+    monkeypatch.setattr(csv_file, "LONGEST", 1000)
     path = tmp_path / f"log.{end}"
     content = text % (10_000_000 * b"1")
     packed(path, content) if end.endswith("gz") else path.write_bytes(content)

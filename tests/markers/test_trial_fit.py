@@ -1,18 +1,21 @@
 """Angles and lengths from markers: exact without noise, and with noise within the stated covariance."""
 
-from types import SimpleNamespace
-
 import mujoco
 import numpy as np
 import pytest
+from commands import refusal
 from marked import errors, labels_of, marked_person, trial
+from opensim_walker import PLANAR, leg, motion
+from opensim_walker import trial as leg_trial
 
+from experiments.angles import main
 from ident.errors import InputError, ModelError
-from sim.markers.frame_fit import Kinematics
+from ident.files.readers import read_markers
+from ident.recordings.recording import Recording
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import base_of, marked_model
 from sim.markers.model_files import write_scaled
-from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 
 FRAMES = 60
@@ -34,16 +37,6 @@ def noisy(x, seed, std=0.002):
 def chi_squared(marked, postures, qpos):
     e = errors(marked.model, postures.qpos, qpos)
     return np.einsum("ni,nij,nj->n", e, np.linalg.inv(postures.covariance), e), e / postures.std
-
-
-def test_jacobians_are_those_of_finite_differences(person):
-    marked, _, qpos, _ = person
-    kinematics, h = Kinematics(marked), 1e-6
-    kinematics.positions(qpos[7])
-    J = kinematics.jacobian().copy()
-    for k, direction in enumerate(np.eye(len(marked.dofs))):
-        ahead, behind = (kinematics.positions(kinematics.moved(qpos[7], s * h * direction)) for s in (1, -1))
-        np.testing.assert_allclose(J[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
 
 
 def test_without_noise_angles_are_exact_though_nothing_is_known_of_the_first_posture(person):
@@ -83,21 +76,6 @@ def test_outlying_and_exchanged_markers_are_found_and_do_no_harm(person):
     assert postures.sigma == pytest.approx(0.002, rel=0.06)
     chi, _ = chi_squared(marked, postures, qpos)
     assert chi.mean() == pytest.approx(41, rel=0.15)
-
-
-@pytest.mark.parametrize(("towards", "exchanged"), [(0.6, False), (0.75, True)])
-def test_labels_are_exchanged_where_each_marker_is_far_nearer_to_the_others_place(towards, exchanged):
-    """Two markers displaced towards each other are not exchanged."""
-    places = np.array([[[0.0, 0, 0], [1, 0, 0]]])
-    measured = (1 - towards) * places + towards * places[:, ::-1]
-    residuals = measured - places
-    postures = SimpleNamespace(
-        marked=SimpleNamespace(labels=("a", "b")),
-        residuals=residuals,
-        distances=np.linalg.norm(residuals, axis=2),
-        outlying=np.ones((1, 2), bool),
-    )
-    assert [swap.labels for swap in swaps(postures, measured)] == [("a", "b")] * exchanged
 
 
 def test_slides_and_fixed_joints():
@@ -179,17 +157,9 @@ def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
     np.testing.assert_allclose(read.body_inertia, model.body_inertia, rtol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def seen_person():
-    spec = marked_person()
-    model = spec.compile()
-    marked, _ = marked_model(spec, labels_of(model))
-    return marked, *trial(model, 30)
-
-
-def test_frames_without_markers_and_joints_without_any(seen_person):
-    marked, time, qpos, x = seen_person
-    y = x.copy()
+def test_frames_without_markers_and_joints_without_any(person):
+    marked, *trial = person
+    time, qpos, y = (each[:30].copy() for each in trial)
     y[10:13] = np.nan
     y[:, [k for k, label in enumerate(marked.labels) if label.startswith(("left_hand", "left_toes"))]] = np.nan
     base = base_of(marked.model, None)
@@ -206,3 +176,38 @@ def test_frames_without_markers_and_joints_without_any(seen_person):
     np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
     assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
     assert 0 <= angles.noise["left_knee_position"] < 1e-8
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("leg")
+    leg_trial(out, leg(out))
+    return out
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_markers_are_where_the_tree_has_them_and_followers_are_in_the_jacobian(folder):
+    marked, unmatched = marked_model(folder / "leg.osim", read_markers(folder / "walk.trc").labels)
+    assert not unmatched and marked.up == "y" and marked.dof_names == list(PLANAR)
+    kinematics, rng = Kinematics(marked), np.random.default_rng(0)
+    qpos = kinematics.moved(marked.rest, rng.uniform(-0.4, 0.1, len(marked.dofs)))
+    kinematics.positions(qpos)
+    J = kinematics.jacobian().copy()
+    for d, step in enumerate(1e-6 * np.eye(len(marked.dofs))):
+        ends = [kinematics.positions(kinematics.moved(qpos, sign * step)).copy() for sign in (1, -1)]
+        np.testing.assert_allclose(J[:, :, d], (ends[0] - ends[1]) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_angles_of_an_opensim_model_and_the_command_that_comes_next(folder, tmp_path, capsys):
+    given = [str(folder / "leg.osim"), str(folder / "walk.trc"), "--out", str(tmp_path / "out")]
+    assert main(given) == 0
+    recording = Recording.load(tmp_path / "out" / "angles.npz")
+    for k, name in enumerate(PLANAR):
+        z = (recording[f"{name}_position"] - motion()[1][:, k]) / recording.noise[f"{name}_position"]
+        assert np.sqrt(np.mean(z**2)) < 1.3
+    output = capsys.readouterr().out
+    assert f"multicontact identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in output
+    assert "+PLATES.mot --leave-out Fz Mx My\n" in output
+    message = refusal(main, [*given, "--scale"], capsys)
+    assert "--scale needs an MJCF or URDF model; let OpenSim's Scale Tool" in message

@@ -12,10 +12,9 @@ from opensim_walker import PHI
 
 import scenes
 from ident.errors import InputError, ModelError
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.model_mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
-from sim.models.mujoco_model import parameters_from_model, state_columns
+from sim.models.mujoco_model import parameters_from_model
 from sim.models.urdf import model_from_urdf
 
 MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
@@ -93,44 +92,6 @@ def test_an_updated_mjcf_reads_back_as_the_parameters_with_all_else_untouched(tm
     if kind == "file":
         assert_others_untouched(compiled(out), before, {1, 2, 3})
         assert "<!-- kept -->" in out.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name, base", [("double_pendulum", "base"), ("humanoid", "pelvis"), ("humanoid", None)])
-def test_scenes_round_trip(tmp_path, name, base):
-    spec = scenes.load(name)
-    before = spec.compile()
-    phi = parameters_from_model(before, base)
-    phi = phi * np.repeat(np.random.default_rng(1).uniform(0.5, 2, len(phi) // 10), 10)
-    write_model(tmp_path / "new.xml", mechanism(spec, base), phi)
-    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", base), phi, rtol=1e-9, atol=1e-12)
-    assert_others_untouched(updated_spec(mechanism(spec, base), phi).compile(), before, range(before.nbody))
-    np.testing.assert_allclose(parameters_from_model(spec, base), parameters_from_model(before, base))
-
-
-def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
-    path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
-    phi, arm = random_phi(np.random.default_rng(2), 3), mechanism(path, "base")
-    write_model(tmp_path / "new.xml", arm, phi)
-    model = compiled(tmp_path / "new.xml")
-    model.dof_damping[:] = 0
-    tree, gravity = arm.tree, arm.gravity
-    coordinates, dofs = state_columns(path, "base")
-    states = np.random.default_rng(3).normal(size=(3, 20, 2))
-    torque, wrench = np.empty((20, 2)), np.empty((20, 6))
-    data = mujoco.MjData(model)
-    for k in range(20):
-        data.qpos[coordinates], data.qvel[dofs], data.qacc[dofs] = (x[k] for x in states)
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_rnePostConstraint(model, data)
-        torque[k] = data.qfrc_inverse[dofs]
-        # The force that carries body 1, about the centre of its subtree, torque first.
-        force = data.cfrc_int[1]
-        moment = force[:3] + np.cross(data.subtree_com[model.body_rootid[1]] - data.xpos[1], force[3:])
-        wrench[k] = np.concatenate([force[3:], moment])
-    expected = (joint_torque_regressor(tree, *states, gravity=gravity) @ phi)[:, :2]
-    np.testing.assert_allclose(torque, expected, atol=1e-9 * abs(expected).max())
-    expected = base_wrench_regressor(tree, *states, gravity=gravity) @ phi
-    np.testing.assert_allclose(wrench, expected, atol=1e-9 * abs(expected).max())
 
 
 @NO_MESHES

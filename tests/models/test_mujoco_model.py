@@ -2,16 +2,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from ident.errors import InputError, ModelError
+from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import mechanism
-from sim.models.mujoco_model import (
-    gravity_in_base,
-    mechanism_bodies,
-    parameters_from_model,
-    tree_from_model,
-)
+from sim.models.mujoco_model import gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
 
@@ -79,8 +74,6 @@ def test_coulomb_friction_has_the_sign_of_the_velocity():
     dq = np.array([[1.0, -2.0], [0.0, 3.0]])
     Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
     np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
-    with pytest.raises(InputError, match=r"drive needs a list out of rotor, .*, spring; got stiction"):
-        joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
 
 
 LOOP = '<equality><connect name="loop" body1="arm" body2="world" anchor="0 0 0"/></equality>'

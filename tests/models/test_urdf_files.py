@@ -166,14 +166,6 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-def test_a_mimic_is_written_back_as_it_was(tmp_path):
-    arm = read(tmp_path, RIGHT, joint("left"))
-    write_model(tmp_path / "new.urdf", arm, 1.1 * arm.known)
-    element = '<mimic joint="left" multiplier="-1.5" offset="0.1"/>'
-    assert element in (tmp_path / "new.urdf").read_text()
-
-
-@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 @pytest.mark.parametrize(
     ("joints", "message"),
     [

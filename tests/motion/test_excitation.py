@@ -4,7 +4,7 @@ from scipy.optimize import minimize
 
 from ident.errors import InputError
 from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
-from sim.motion.fourier import FourierTrajectory
+from sim.motion.excitation_design import FourierTrajectory
 from sim.motion.interior_point import minimum
 
 TIME = np.arange(943) / 100

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from guesses.odd_logs import arm, recording
-from malformed_logs import PLAIN, N, Q, T, text
-from test_log import read
+from malformed_logs import PLAIN, N, Q, T, read, text
 from written_formats import DEG, write_csv, write_mot
 
 import ident
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.sampled import Sampled, side_by_side
+from ident.recordings.times import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -43,22 +42,14 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
 @pytest.mark.parametrize(
     ("streams", "options", "message"),
     [
-        (
-            {"a": (T, T[1:])},
-            {},
-            r"needs times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)",
-        ),
+        ({"a": (T, T[1:])}, {}, r"needs times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)"),
         ({"a": (T[:0], T[:0])}, {}, "stream 'a' needs times"),
         ({"a": T}, {}, "stream 'a' needs a pair of times and values"),
         ({"a": (T, ["x"] * N)}, {}, "stream 'a' needs a pair of times and values"),
         ({"a": (T[::-1], T)}, {}, "times of the stream 'a' must increase; sample 1 does not"),
         ({"a": (np.where(T > 0.2, np.nan, T), T)}, {}, "times of the stream 'a' need finite numbers"),
         ({"a": (T, np.where(T > 0.2, np.inf, T))}, {}, "stream 'a' needs numbers, NaN for a missing one"),
-        (
-            {"base:pose": (T, slow(T))},
-            {},
-            r"stream 'base:pose' needs rigid poses \(N, 16\), .* got shape \(40, 3\)",
-        ),
+        ({"base:pose": (T, slow(T))}, {}, r"stream 'base:pose' needs rigid poses \(N, 16\), .* got shape \(40, 3\)"),
         ({"base:pose": (T, np.ones((N, 16)))}, {}, "needs rigid poses"),
         ({"a": (T, T)}, {}, "Streams without joint positions need a rate"),
         ({"a": (T, T)}, {"rate": -1.0}, r"need a positive rate in Hz .*, got -1\.0"),
@@ -145,6 +136,13 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
         assert recording.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
             np.testing.assert_allclose(recording[channel], x, atol=1e-12)
+
+
+@pytest.mark.extras
+def test_common_times_are_those_of_the_fastest_joint(tmp_path):
+    first, second = ({name: x for name, x in angles().items() if name != own} for own in ("joint2", "joint1"))
+    log = read_log(pair(tmp_path, first, {name: x[::2] for name, x in second.items()}), arm())
+    assert log.rate == pytest.approx(recording().rate) and log.streams.keys() == {*ANGLES.values()}
 
 
 PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'

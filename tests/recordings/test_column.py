@@ -1,32 +1,22 @@
-"""Computed columns, coupled motors, selected rows and times, and text in other layouts."""
+"""Units of columns, against the constants of physics, wrapped angles, computed columns, and selected rows and times."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
-from malformed_logs import DQ, PLAIN, N, Q, T, text
+from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, text
+from scipy import constants
 
+import ident
+import sim
 from ident.errors import LogError
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
+from ident.files.column import UNITS
 from ident.recordings.columns.entries import couplings
 from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.plausibility import unwrapped
 
-NAMES = ("leg", "torso")
-AXIS = np.eye(6)[4]
-MECHANISM = Mechanism(
-    Tree(tuple(Body(NAMES[k], k - 1, np.eye(4), AXIS, joint) for k, joint in enumerate(("ankle", "hip")))),
-    np.array([0, 0, -9.81]),
-)
 R = np.array([[2.0, 0.5], [-0.25, 4.0]])
-
-
-def read(tmp_path, columns, mapping, name="log.csv", **options):
-    content = (columns if isinstance(columns, str) else text(columns)).encode()
-    (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
-    (tmp_path / "c.toml").write_text(mapping)
-    return read_log(tmp_path / name, MECHANISM, tmp_path / "c.toml", **options)
 
 
 def test_gain_constant_and_unit(tmp_path):
@@ -90,11 +80,11 @@ def test_selected_rows_and_times(tmp_path):
     assert len(read(tmp_path, PLAIN, two, gaps=True).as_measured("hip_position").time) == 22
     with pytest.raises(LogError, match=r"has a gap of 0\.1 s, from 0\.1 s to 0\.2 s.* \(--gaps, gaps=True in Python\)"):
         read(tmp_path, PLAIN, two)
-    pieces = read_log_pieces(tmp_path / "log.csv", MECHANISM, tmp_path / "c.toml", 10)
+    pieces = read_log_pieces(tmp_path / "log.csv", LEG, tmp_path / "columns.toml", 10)
     with pytest.raises(LogError, match=r"has a gap of 0\.1 s"):
         list(pieces)
-    (tmp_path / "c.toml").write_text("[select]\ntime = [0.1, 0.3]")
-    pieces = list(read_log_pieces(tmp_path / "log.csv", MECHANISM, tmp_path / "c.toml", 10))
+    (tmp_path / "columns.toml").write_text("[select]\ntime = [0.1, 0.3]")
+    pieces = list(read_log_pieces(tmp_path / "log.csv", LEG, tmp_path / "columns.toml", 10))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
 
 
@@ -109,7 +99,7 @@ def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):
     for content in (header + 100_000 * row, header + "0" * 2_000_000):
         (tmp_path / "log.csv.gz").write_bytes(gzip.compress(content.encode()))
         with pytest.raises(LogError, match=r"takes 1 MB in memory where at most 0 MB .*--max-size"):
-            read_log(tmp_path / "log.csv.gz", MECHANISM, limit=500_000)
+            read_log(tmp_path / "log.csv.gz", LEG, limit=500_000)
     packed = gzip.compress((text(PLAIN)).encode())
     for damaged in (
         packed[:-9],
@@ -120,65 +110,97 @@ def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):
     ):
         (tmp_path / "log.csv.gz").write_bytes(damaged)
         with pytest.raises(LogError, match=r"log\.csv\.gz: the file needs to be packed by gzip, whole and undamaged"):
-            read_log(tmp_path / "log.csv.gz", MECHANISM)
+            read_log(tmp_path / "log.csv.gz", LEG)
 
 
-HIP = "[joints.hip]\nposition = "
-BAD = {
-    "no gain": (
-        '[joints.hip]\ntorque = { column = "time", unit = "A" }',
-        "torque in A needs a gain, in the joint's",
-    ),
-    "gain of no number": (HIP + '{ column = "q_hip", gain = "1" }', "joints.hip.position.gain needs a number, got 1"),
-    "gain of zero": (HIP + '{ column = "q_hip", gain = 0 }', "a gain other than zero"),
-    "both": (HIP + '{ column = "q_hip", columns = ["time"] }', "needs a column or several columns, got both"),
-    "weights of one": (HIP + '{ column = "q_hip", weights = [1] }', "has weights, which are for several columns"),
-    "too many weights": (HIP + '{ columns = ["q_hip", "time"], weights = [1] }', "weights needs a list of 2 numbers"),
-    "a weight of zero": (HIP + '{ columns = ["q_hip", "time"], weights = [1, 0] }', "needs numbers other than zero"),
-    "one column twice": (HIP + '{ columns = ["q_hip", "q_hip"] }', "needs names of different columns"),
-    "no columns": (HIP + "{ columns = [] }", "joints.hip.position needs the name of a column, got []"),
-    "unknown column": (HIP + '{ columns = ["q_hip", "m"] }', "joints.hip.position is mapped to column 'm', but"),
-    "two uses": (HIP + '{ column = "q_ankle", gain = -1 }', "column 'q_ankle' is mapped to joints.hip.position and"),
-    "ampere of a position": (HIP + '{ column = "q_hip", unit = "A", gain = 1 }', "unit needs one of rad, deg; got A"),
-    "unknown joint": (
-        '[motors.a]\njoints = ["knee"]\nmatrix = [[1]]',
-        "motors.a.joints needs a list of joints, of",
-    ),
-    "matrix": ('[motors.a]\njoints = ["hip"]\nmatrix = [[1, 2]]', "motors.a.matrix needs a list of 1 numbers"),
-    "rows": ('[motors.a]\njoints = ["hip"]\nmatrix = 3', "motors.a.matrix needs a row for each of 1 motors, got 3"),
-    "singular": (
-        '[motors.a]\njoints = ["hip", "ankle"]\nmatrix = [[1, 2], [2, 4]]\nposition = ["q_hip", "q_ankle"]',
-        "[motors.a] needs a matrix that can be inverted",
-    ),
-    "motors and joint": (
-        HIP + '"q_hip"\n[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nposition = ["q_hip"]',
-        "joints.hip.position is mapped twice, under [joints] and by motors",
-    ),
-    "friction": (
-        '[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nfriction = "none"',
-        "motors.a.friction needs one of motors, joints; got none",
-    ),
-    "missing motor": (
-        '[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nposition = [""]',
-        "motors.a.position needs 1 columns, none of them may be missing",
-    ),
-    "header": ('[file]\nheader = "no"', "file.header needs true or false, got no"),
-    "skip": ("[file]\nskip = -1", "file.skip needs a number of lines, got -1"),
-    "skip all": ("[file]\nskip = 99", "the file is empty"),
-    "backwards": ("[select]\nrows = [9, 3]", "select.rows needs two numbers, the first before the last; got [9, 3]"),
-    "no span": ("[select]\ntime = 3", "select.time needs two numbers, the first before the last; got 3"),
-    "rows beyond": (
-        "[select]\nrows = [100, 200]",
-        "rows that the file has, got 100 to 200; the file has rows 2 to 41",
-    ),
-    "times beyond": ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6; its times go from 0 s to"),
-    "too few": ("[select]\nrows = [2, 6]", "a log needs at least 10 samples, it has 5"),
-}
+SI = {"rad": 1.0, "deg": constants.degree, "rpm": 2 * constants.pi / constants.minute, "s": 1.0, "ms": constants.milli}
+SI |= {"us": constants.micro, "ns": constants.nano, "N": 1.0, "mN": constants.milli, "kN": constants.kilo, "m": 1.0}
+SI |= {"cm": constants.centi, "mm": constants.milli, "1": 1.0}
 
 
-@pytest.mark.parametrize(("mapping", "message"), BAD.values(), ids=BAD.keys())
-def test_mappings_that_cannot_be_are_one_sentence(tmp_path, mapping, message):
-    with pytest.raises(LogError) as error:
-        read(tmp_path, PLAIN, mapping)
-    assert message in str(error.value) and "\n" not in str(error.value)
-    assert str(error.value).startswith(str(tmp_path))
+def factor(unit):
+    """Factor of a unit to SI's: of rates per second, of moments as a force times an arm."""
+    unit, force = re.sub("/s(2|\\^2|²)?$", "", unit), re.match("[mk]?N(?= ?m)", unit)
+    return SI[force[0]] * SI[unit[force.end() :].strip()] if force else SI[unit]
+
+
+@pytest.mark.parametrize("quantity", UNITS)
+def test_units_are_what_they_are_in_si(quantity):
+    assert UNITS[quantity] == pytest.approx({unit: factor(unit) for unit in UNITS[quantity]}, rel=1e-12)
+    assert next(iter(UNITS[quantity].values())) == 1
+
+
+TIME = np.arange(900) / 100
+WRAPPED = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
+DEG = 180 / np.pi
+MODEL = """<mujoco><worldbody><body><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+<joint name="hip" axis="0 1 0"/><body pos=".3 0 0"><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+<joint name="ram" type="slide" axis="1 0 0"/></body></body></worldbody></mujoco>"""
+
+
+def from_zero(x, turn):
+    return x % turn
+
+
+def about_zero(x, turn):
+    return (x + turn / 2) % turn - turn / 2
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.xml").write_text(MODEL)
+    return sim.mechanism(tmp_path / "arm.xml")
+
+
+def log_of(tmp_path, hip, ram=0.1 * WRAPPED):
+    """A log of both joints with torques."""
+    columns = {"time": TIME, "a": hip, "b": ram, "hip_torque": WRAPPED, "ram_torque": WRAPPED}
+    path = tmp_path / "log.csv"
+    path.write_text(text(columns), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("wrapped", [from_zero, about_zero])
+@pytest.mark.parametrize(
+    ("factor", "turn", "entry"),
+    [
+        (1.0, 2 * np.pi, {}),
+        (DEG, 360.0, {"unit": "deg"}),
+        (-DEG, 360.0, {"unit": "deg", "gain": -1}),
+        (4096 / (2 * np.pi), 4096.0, {"gain": 2 * np.pi / 4096}),
+        (5 * DEG, 360.0, {"unit": "deg", "gain": 0.2}),
+    ],
+    ids=["rad", "deg", "turned", "counts", "before a gear"],
+)
+def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, turn, entry):
+    x = wrapped(factor * WRAPPED, turn)
+    path = log_of(tmp_path, x)
+    mapping = {"joints": {"hip": {"position": {"column": "a"} | entry}, "ram": {"position": "b"}}}
+    log = ident.read_log(path, arm, mapping)
+    shift = log["hip_position"] - WRAPPED
+    assert np.ptp(np.abs(np.diff(x))) > turn / 2 and np.abs(shift - shift[0]).max() < 1e-6
+    (note,) = (note for note in log.notes if "whole turn" in note)
+    number = int((np.abs(np.diff(x)) > turn / 2).sum())
+    assert note.startswith(f"Column 'a' jumps by a whole turn {number} times")
+    assert np.abs(log["ram_position"] - 0.1 * WRAPPED).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "x",
+    [WRAPPED, np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, WRAPPED + 6.28, WRAPPED), 10 * WRAPPED],
+    ids=["no jump", "a step", "a spike", "several turns"],
+)
+def test_what_is_no_wrapped_angle_is_unchanged(x):
+    out, number = unwrapped(x, (2 * np.pi,))
+    spike = np.abs(out - WRAPPED).max() < 0.01
+    assert (number == 0 and out is x) or (spike and number == 2)
+
+
+def test_commands_are_in_the_turn_of_their_positions(tmp_path, arm):
+    columns = {"time": TIME, "a": from_zero(WRAPPED, 2 * np.pi), "b": 0.1 * WRAPPED, "hip_torque": WRAPPED}
+    columns["u"] = from_zero(WRAPPED - WRAPPED[0] - 0.01, 2 * np.pi)
+    path = tmp_path / "log.csv"
+    path.write_text(text({name: x for name, x in columns.items() if name != "hip_torque"}))
+    mapping = {"joints": {"hip": {"position": "a", "command": "u", "kp": 5}, "ram": {"position": "b"}}}
+    log = ident.read_log(path, arm, mapping)
+    assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi

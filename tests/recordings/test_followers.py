@@ -135,22 +135,6 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
     assert not fixed.mimics and fixed.tree.joints == ("lift", "right")
 
 
-def test_an_arm_is_estimated_with_its_followers():
-    equal = coupled("tip", "left", "0.1 -1 0 0 0", "pair") + coupled("right", "left", "0 0.05 0 0 0", "slide")
-    model, t = arm(equal), np.arange(600) / 100
-    q = np.stack([0.8 * np.sin(2.1 * t) + 0.4 * np.sin(5 * t), 0.9 * np.sin(2.9 * t) + 0.5 * np.cos(6 * t)], axis=1)
-    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    true = model.following(model.mimics)
-    torque = ident.joint_torque_regressor(true.tree, q, dq, ddq, gravity=true.gravity)[..., : len(true.known)]
-    rng = np.random.default_rng(0)
-    columns = {"time": t} | dict(zip(("lift_position", "left_position"), (q + 1e-4 * rng.normal(size=q.shape)).T))  # noqa: B905
-    tau = torque @ (1.2 * true.known) + 0.01 * rng.normal(size=q.shape)
-    columns |= dict(zip(("lift_torque", "left_torque"), tau.T, strict=True))
-    estimate = ident.identify(model, columns, drive=[])
-    distance = (estimate.psi - estimate.base.regroup(1.2 * true.known)) / estimate.std_setup
-    assert estimate.verdict().usable and np.abs(distance).max() < 4
-
-
 @pytest.mark.parametrize(
     ("joints", "message"),
     [

@@ -101,6 +101,8 @@ def test_vectors_and_a_mapping_of_columns():
     some = {**mapping, "select": {"time": [[1.0, 3.0]]}}
     selected = ident.read_log(stacked, driven_arm.mechanism(), some)
     assert np.ptp(selected.time) == pytest.approx(2.0, abs=0.03)
+    untimed = {"rate": 50.0, "joints": entries, "select": {"time": [1.0, 3.0]}}
+    assert ident.read_log(stacked, driven_arm.mechanism(), untimed).time[[0, -1]].tolist() == [1.0, 3.0]
     with pytest.raises(LogError, match=r"The dict of columns: .*\[joints\] has no entry 'knee'"):
         ident.read_log(stacked, driven_arm.mechanism(), {"joints": {"knee": {}}})
 

@@ -89,7 +89,9 @@ def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix
     x = np.linspace(0, 1, 50)
     measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
     measured |= {"hand_position": np.zeros((50, 3)), "hand_orientation": np.tile(np.eye(4)[0], (50, 1))}
-    Recording(np.arange(50.0), measured, **STATED, trackers={"hand": Tracker("hand")}).save(tmp_path / f"r.{suffix}")
+    Recording(np.arange(50.0), measured, measured, **STATED, trackers={"hand": Tracker("hand")}).save(
+        tmp_path / f"r.{suffix}"
+    )
     log = read_log(tmp_path / f"r.{suffix}", arm)
     assert {name: getattr(log, name) for name in STATED} == STATED
     assert log.trackers["hand"].body == "hand" and {*log.measured} == {*measured} and not log.unused
@@ -127,8 +129,6 @@ def test_bad_channels_are_refused(time, channels, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,a\n0,1\n1,oops\n", "row 3, column 'a' needs a number, got 'oops'"),
-        ("time,a\n0,1\n1,nan\n", "row 3, column 'a' is empty or NaN, as are 1 of 2 samples"),
         ("a,b\n1,2\n", "needs a column 'time'; the file has a, b"),
         ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
         ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
@@ -136,7 +136,6 @@ def test_bad_channels_are_refused(time, channels, message):
         ("# units: {oops\ntime\n0\n", "row 1 needs 'units' in JSON"),
         ('# sensors: {"a": {"body": 3}}\ntime\n0\n', "sensors.a.body needs a text, got 3"),
         ("base:pose.0,base:pose.1,time\n1,2,3\n", r"A moving base needs poses \(1, 4, 4\), got \(1, 2\)"),
-        ("time,a\n0,1\n\n1,2,3\n", "row 4 has 3 cells where the header has 2"),
         ("time,true:a\n0,1\n", "True values need the same channels"),
     ],
 )

@@ -63,56 +63,6 @@ def test_the_handle_keeps_all_six_components_alive(contact):
     assert np.median(pitch) > 0.5
 
 
-def cell_state(contact):
-    """A state in contact, with the model and the data; the model has MuJoCo's contact sensor if MuJoCo has one."""
-    spec = scenes.load("double_pendulum", contact=contact)
-    spec.compile()
-    xml = spec.to_xml()
-    if hasattr(mujoco.mjtSensor, "mjSENS_CONTACT"):
-        own = '<contact name="own" geom1="pad" geom2="tip" data="force" reduce="netforce"/>'
-        xml = xml.replace("</sensor>", f"{own}</sensor>")
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
-    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
-    return model, data
-
-
-@pytest.mark.parametrize("velocity", [(0.3, -0.2, 0.1), (-0.5, 0.4, -0.2), (0.0, 1.0, 0.05)])
-def test_load_cell_agrees_with_mujocos_contacts(velocity):
-    # The cell reads the wrench of link 2 on cell and tip: their motion and weight less the contact force on them.
-    model, data = cell_state("pad")
-    data.qvel[:] = velocity
-    mujoco.mj_forward(model, data)
-    assert data.ncon == 1
-    frame, force = data.contact[0].frame.reshape(3, 3), np.zeros(6)
-    mujoco.mj_contactForce(model, data, 0, force)
-    # MuJoCo gives the force of the first geom on the second one, in the contact frame.
-    on_second = np.concatenate([frame.T @ force[:3], frame.T @ force[3:]])
-    tip_is_second = data.contact[0].geom2 == model.geom("tip").id
-    T_contact = np.eye(4)
-    T_contact[:3, 3] = data.contact[0].pos
-    on_tip = transform_wrench(T_contact, on_second if tip_is_second else -on_second)
-
-    tree = tree_from_model(model, "base", beyond=())
-    phi = parameters_from_model(model, "base", beyond=())
-    phi[:30] = 0
-    joints = [model.joint(name) for name in tree.joints]
-    state = [np.array([[x[j.qposadr[0] if k == 0 else j.dofadr[0]] for j in joints]])
-             for k, x in enumerate((data.qpos, data.qvel, data.qacc))]  # fmt: skip
-    gravity = gravity_in_base(model, "base")
-    inertial = (base_wrench_regressor(tree, *state, gravity=gravity) @ phi)[0]
-    cell = tree.poses(state[0])[0, tree.names.index("load_cell")]
-    measured = np.concatenate([data.sensor("contact_force").data, data.sensor("contact_torque").data])
-    T_base = np.eye(4)
-    T_base[:3, 3] = -model.body("base").pos
-    expected = inertial - transform_wrench(T_base, on_tip)
-    np.testing.assert_allclose(transform_wrench(cell, measured), expected, atol=1e-9 * abs(measured).max())
-    assert abs(on_tip[:3]).max() > 5
-    if hasattr(mujoco.mjtSensor, "mjSENS_CONTACT"):
-        own = data.sensor("own").data
-        np.testing.assert_allclose(abs(own), abs(on_tip[:3]), atol=1e-12 * abs(own).max())
-
-
 def test_load_cells_agree_with_mujocos_constraint_forces(contact):
     # A cell reads the link's wrench on it: its motion and weight less the wrench of the surroundings on it, from a
     # contact or a weld.

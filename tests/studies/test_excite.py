@@ -13,11 +13,9 @@ from experiments.studies import criteria, excitation_problem
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
-from sim.motion.collisions import Collisions
+from sim.motion.collisions import Collisions, Walls
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
-from sim.motion.fourier import FourierTrajectory
-from sim.motion.walls import Walls
+from sim.motion.excitation_design import FourierTrajectory, Limits, _Search, design, random_start, scaled_into
 
 TIME = np.arange(943) / 100
 TIMES = np.arange(0.5, 19.5, 0.01)

@@ -13,8 +13,7 @@ from experiments.studies.excitation_problem import problem
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
-from sim.motion.collisions import Collisions
-from sim.motion.walls import reachable
+from sim.motion.collisions import Collisions, reachable
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.sampled import Sampled
+from ident.recordings.times import Sampled
 from ident.trajectory.angles_alone import UNSETTLED, smoothed
 
 

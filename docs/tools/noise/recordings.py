@@ -18,8 +18,7 @@ from ident.recordings.stated import Servo, model_servo
 from ident.recordings.wrench import Sensor, transform_wrench
 from sim.motion.excitation import DesiredMotion, Excitation, Trapezoids
 from sim.simulation.readings import play, sensors, steps_per_sample
-from sim.simulation.servos import servos
-from sim.simulation.simulate import LEAD_IN, simulate, with_noise
+from sim.simulation.simulate import LEAD_IN, servos, simulate, with_noise
 
 GROSS = 20.0
 """Standard deviation of outliers, over that of the noise."""

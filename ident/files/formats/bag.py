@@ -6,7 +6,7 @@ unpacked in pieces, which are counted and dropped.
 
 import bz2
 import struct
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -216,13 +216,10 @@ def _times(messages: Sequence[Message]) -> tuple[np.ndarray, str]:
 
 def _shared(sent: Mapping[tuple[str, str], list[Message]]) -> set[str]:
     """Names of joint columns that several topics have."""
-    owners: dict[str, set[str]] = defaultdict(set)
-    for (topic, kind), messages in sent.items():
-        if kind == JOINT_STATE:
-            for joint in {joint for _, message in messages for joint in message.name}:
-                for quantity in ("position", "velocity", "torque"):
-                    owners[f"{joint}_{quantity}"].add(topic)
-    return {column for column, topics in owners.items() if len(topics) > 1}
+    states = (messages for (_, kind), messages in sent.items() if kind == JOINT_STATE)
+    topics = Counter(joint for own in states for joint in {joint for _, message in own for joint in message.name})
+    several = [joint for joint, number in topics.items() if number > 1]
+    return {f"{joint}_{quantity}" for joint in several for quantity in ("position", "velocity", "torque")}
 
 
 def _joint_states(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.csv_file import lines_of
+from ident.files.csv_file import lines_of, opened_text
 from ident.files.limits import NUMBER
 from ident.files.table import SUFFIXES, Table, short
-from ident.files.text_file import opened_text
 
 SUFFIX = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
 """Ends of the names of such files."""

@@ -153,17 +153,12 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     setup = _deviations("setup", entries, DEVIATIONS, tree.compounds)
     mapping = ColumnMapping(setup=setup, known=known, known_bodies=known_bodies)
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
-    times = clocks(entries)
-    if len(times) == 1:
-        mapping.columns["time"] = times[0]
-    else:
-        mapping.clocks = times
-    mapping.still = value_of(
-        "poses", entries.get("poses", False), bool, "true, if each row is a pose at rest, or false"
-    )
-    if mapping.still:
-        # Whatever is stated of times; rows need an order alone.
-        mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
+    times, poses = clocks(entries), entries.get("poses", False)
+    mapping.still = value_of("poses", poses, bool, "true, if each row is a pose at rest, or false")
+    # Of poses rows need an order alone, whatever is stated of times.
+    times = (clock_of_rate("poses", 1.0),) if mapping.still else times
+    mapping.columns |= {"time": times[0]} if len(times) == 1 else {}
+    mapping.clocks = times if len(times) > 1 else ()
     if "load" in entries:
         check_keys("[load]", table("load", entries["load"]), ("body",))
         mapping.loaded = choice("load.body", entries["load"].get("body"), bodies)
@@ -172,17 +167,15 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
     check_keys("[joints]", of_joints, (*joints, *tree.still))
     for joint, quantities in ((joint, of_joints[joint]) for joint in of_joints if joint in joints):
-        keys = KINDS if joints[joint] == "ball" else (*KINDS, "command", *GAINS, *SCALES)
+        ball = joints[joint] == "ball"
+        keys = KINDS if ball else (*KINDS, "command", *GAINS, *SCALES)
         check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(keys))
         mapping.servos |= servo_of(joint, quantities)
         mapping.scales |= scale_of(joint, quantities)
         for kind, entry in ((key, x) for key, x in quantities.items() if key not in (*GAINS, *SCALES)):
-            key = f"joints.{joint}.{kind}"
-            mapping.columns[key] = (
-                several(key, entry, len(BALL[kind]))
-                if joints[joint] == "ball"
-                else single(key, entry, f"{joints[joint]} {kind}")
-            )
+            key, quantity = f"joints.{joint}.{kind}", f"{joints[joint]} {kind}"
+            columns = several(key, entry, len(BALL[kind])) if ball else single(key, entry, quantity)
+            mapping.columns[key] = columns
     with_axes = dict.fromkeys(tree.still, "hinge") | {joint: kind for joint, kind in joints.items() if kind != "ball"}
     for name, entry in table("motors", entries.get("motors", {})).items():
         of_motors, couplings = joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes)
@@ -295,12 +288,9 @@ def _tracked_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]
         raise LogError(f"[{where}] needs columns of either a quaternion or a rotation_vector, beside the position.")
     kind, size = ("quaternion", 4) if "quaternion" in entry else ("rotation_vector", 3)
     unit = factor_of(where, entry, "rotation_unit", "hinge position") if size == 3 else (1.0, "")
-    return {
-        f"{where}.position": several(
-            f"{where}.position", entry.get("position"), 3, *factor_of(where, entry, "unit", "length")
-        ),
-        f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit),
-    }
+    length = factor_of(where, entry, "unit", "length")
+    position = several(f"{where}.position", entry.get("position"), 3, *length)
+    return {f"{where}.position": position, f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit)}
 
 
 def _tracker(where: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Tracker:

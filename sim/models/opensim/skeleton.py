@@ -11,9 +11,17 @@ from ident.geometry import se3
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.tree import Tree
 from sim.models.notes import note
-from sim.models.opensim.coordinates import Coordinate, Dependence, dependences, needed_span
 from sim.models.opensim.elements import GROUND, Frames
-from sim.models.opensim.joints import ElementaryMotion, Link, coordinate_elements, links_in_order
+from sim.models.opensim.joints import (
+    Coordinate,
+    Dependence,
+    ElementaryMotion,
+    Link,
+    coordinate_elements,
+    dependences,
+    links_in_order,
+    needed_span,
+)
 
 Worst = tuple[float, str]
 """An error in m or rad, and the name of its turn or slide."""

@@ -1,31 +1,24 @@
-"""Logs of other programs give the same as a CSV file with the same columns."""
+"""Logs and markers of other programs give the same as a CSV file with the same columns."""
+
+import gzip
+import json
 
 import numpy as np
 import pytest
-from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
+from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, LEG, PLAIN, WRENCH, N, Q, T
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 from ident.errors import LogError
-from ident.files.formats import trc
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
+from ident.files.markers import trc_markers
+from ident.files.readers import read_clocks, read_markers, read_tables
 from ident.recordings.log import read_log, read_log_pieces
 
 pytestmark = pytest.mark.extras
 
-AXES = {"hinge": np.eye(6)[4], "slide": np.eye(6)[1]}
+
 COLUMNS = PLAIN | {f"dq_{joint}": DQ[:, k] for k, joint in enumerate(JOINTS)} | GROUND_COLUMNS
 FAST = np.repeat(WRENCH, 5, axis=0)
 FAST_TIME = np.arange(5 * N) / 500
-
-
-def mechanism(kind="hinge"):
-    bodies = [Body(name, k - 1, np.eye(4), AXES[kind], JOINTS[k]) for k, name in enumerate(("leg", "torso"))]
-    return Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
-
-
-MECHANISM = mechanism()
 
 
 def in_degrees():
@@ -34,7 +27,7 @@ def in_degrees():
 
 def same_as_csv(tmp_path, log):
     write_csv(tmp_path / "same.csv", COLUMNS)
-    expected = read_log(tmp_path / "same.csv", MECHANISM)
+    expected = read_log(tmp_path / "same.csv", LEG)
     assert log.measured.keys() == expected.measured.keys()
     for name, x in expected.measured.items():
         np.testing.assert_allclose(log[name], x, rtol=1e-12, atol=1e-12)
@@ -45,36 +38,36 @@ def same_as_csv(tmp_path, log):
 @pytest.mark.parametrize("degrees", ["yes", "no"])
 def test_a_motion_file_knows_its_degrees(tmp_path, suffix, degrees):
     write_mot(tmp_path / f"log.{suffix}", in_degrees() if degrees == "yes" else COLUMNS, degrees)
-    log = read_log(tmp_path / f"log.{suffix}", MECHANISM)
+    log = read_log(tmp_path / f"log.{suffix}", LEG)
     same_as_csv(tmp_path, log)
     assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
-    pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", MECHANISM, None, 13))
+    pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", LEG, None, 13))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T, atol=1e-12)
 
 
 def test_matlab_arrays_and_structures(tmp_path):
     others = {"gains": np.eye(3), "name": "arm", "k": 3.0, "wrench": {"F": WRENCH[:, :3].T, "M": WRENCH[:, 3:]}}
     write_mat(tmp_path / "log.mat", COLUMNS, **others)
-    log = read_log(tmp_path / "log.mat", MECHANISM)
+    log = read_log(tmp_path / "log.mat", LEG)
     same_as_csv(tmp_path, log)
     assert log.unused == [f"wrench.{what}.{axis}" for what in "FM" for axis in "xyz"]
     (tmp_path / "c.toml").write_text('[wrenches.ground]\nforce = ["wrench.F.x", "wrench.F.y", "wrench.F.z"]')
-    log = read_log(tmp_path / "log.mat", MECHANISM, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.mat", LEG, tmp_path / "c.toml")
     np.testing.assert_array_equal(log["ground_force"], WRENCH[:, :3])
 
 
 def test_parquet(tmp_path):
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
     write_parquet(tmp_path / "log.parquet", {**COLUMNS, "remark": ["x"] * N})
-    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
     stamps = pyarrow.array(1_700_000_000_123_456_789 + np.round(1e9 * T).astype(int), pyarrow.timestamp("ns"))
     force = pyarrow.FixedSizeListArray.from_arrays(WRENCH[:, :3].ravel(), 3)
     columns = {name: x for name, x in COLUMNS.items() if name[:8] != "ground_f"}
     write_parquet(tmp_path / "log.parquet", {**columns, "time": stamps, "ground_force": force})
-    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
     (tmp_path / "c.toml").write_text('time = { column = "time", unit = "ms" }')
     with pytest.raises(LogError, match="time is mapped in another unit than the file's, which says s"):
-        read_log(tmp_path / "log.parquet", MECHANISM, tmp_path / "c.toml")
+        read_log(tmp_path / "log.parquet", LEG, tmp_path / "c.toml")
 
 
 C3D = """
@@ -97,7 +90,7 @@ def test_c3d_has_a_platform_at_its_own_rate(tmp_path):
     pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
     write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS, {"emg": FAST_TIME})
     (tmp_path / "c.toml").write_text(C3D)
-    log = read_log(tmp_path / "log.c3d", MECHANISM, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.c3d", LEG, tmp_path / "c.toml")
     np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, atol=1e-6)
     force, torque = (log.as_measured(f"ground_{kind}") for kind in ("force", "torque"))
     np.testing.assert_allclose(force.time, FAST_TIME, atol=1e-12)
@@ -111,13 +104,13 @@ def test_markers_of_a_trc_file(tmp_path, units):
     heel, toe = np.stack([T, 1 + T, 2 - T], axis=1), np.stack([T, T, 1 + T], axis=1)
     toe[5:9] = np.nan
     toe[-1] = np.nan
-    write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units=units)
-    markers = trc.markers(tmp_path / "log.trc", 10**9)
+    write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units)
+    markers = trc_markers(tmp_path / "log.trc", 10**9)
     assert markers.labels == ("HEEL", "TOE")
     np.testing.assert_allclose(markers.time, T, atol=1e-9)
     np.testing.assert_allclose(markers.positions, np.stack([heel, toe], axis=1), atol=1e-9)
     with pytest.raises(LogError, match=r"joint 'ankle' needs a column .* the file has time, HEEL\.x"):
-        read_log(tmp_path / "log.trc", MECHANISM)
+        read_log(tmp_path / "log.trc", LEG)
 
 
 def joint_states(names=("hip", "ankle")):
@@ -136,7 +129,7 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
     late = FAST_TIME + 0.0013
     topics = {"/joint_states": (T, joint_states()), "/ground": (late, FAST), "/x": (T, Q)}
     write_bag(tmp_path / name.partition("/")[0], topics, stamped=stamped)
-    log = read_log(tmp_path / name, MECHANISM)
+    log = read_log(tmp_path / name, LEG)
     for k, joint in enumerate(JOINTS):
         np.testing.assert_allclose(log.as_measured(f"{joint}_position").time, T, atol=1e-8)
         np.testing.assert_array_equal(log.as_measured(f"{joint}_position").values, Q[:, k])
@@ -148,9 +141,15 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
     assert any(("frame 'tool'" if stamped else "those of writing") in note for note in log.notes)
 
 
+def test_joints_of_several_topics_are_named_by_their_topics(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    write_bag(tmp_path / "log.bag", {"/a": (T, joint_states()), "/b": (T, joint_states(("hip",)))})
+    columns = [name for table in read_clocks(tmp_path / "log.bag") for name in table.cells]
+    assert {"a:hip_position", "b:hip_position", "ankle_position"} <= {*columns} and "hip_position" not in columns
+
+
 CONTRADICTIONS = {
     "time": ('time = "x"', "this file knows the times of its columns; leave time out"),
-    "rows": ("[select]\nrows = [1, 20]", "[select] rows are those of one table, but this file has several"),
     "layout": ("[file]\nskip = 1", "the mapping's [file] tells how text is laid out, but this file is none"),
     "unit": (
         '[joints.hip]\nposition = { column = "hip_position", unit = "deg" }',
@@ -160,11 +159,6 @@ CONTRADICTIONS = {
         '[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]',
         "wrenches.ground.force needs columns of the same times, 'ground_force.x' and 'x.0' have times of their own",
     ),
-    "no column": (
-        '[joints.hip]\nposition = "knee"',
-        "joints.hip.position is mapped to column 'knee', but the",
-    ),
-    "no time": ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6"),
 }
 
 
@@ -174,5 +168,104 @@ def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
     write_bag(tmp_path / "log.bag", {"/j": (T, joint_states()), "/ground": (FAST_TIME, FAST), "/x": (T, Q)})
     (tmp_path / "c.toml").write_text(mapping)
     with pytest.raises(LogError) as error:
-        read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
+        read_log(tmp_path / "log.bag", LEG, tmp_path / "c.toml")
     assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def lines(n=N):
+    force = [{"x": 1, "y": 2.5, "z": k} for k in range(n)]
+    rows = zip(T.tolist(), Q.tolist(), force, strict=True)
+    return [
+        {"time": t, "q": q, "e": [2 * x for x in q], "ft": {"F": f, "M": [0, 0, t]}, "mode": "run", "on": True}
+        for t, q, f in rows
+    ]
+
+
+def written(path, rows):
+    text = "\n".join(row if isinstance(row, str) else json.dumps(row) for row in rows) + "\n"
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(path):
+    (whole,) = read_tables(path)
+    return whole
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", "LOG.NDJSON", "log.jsonl.gz"])
+def test_arrays_and_objects_are_columns(tmp_path, name):
+    path = written(tmp_path / name, lines())
+    columns = table(path).cells
+    assert list(columns) == [
+        *("time", "q.0", "q.1", "e.0", "e.1", "ft.F.x", "ft.F.y", "ft.F.z", "ft.M.x", "ft.M.y", "ft.M.z", "mode", "on")
+    ]
+    np.testing.assert_array_equal(np.stack([columns["q.0"], columns["q.1"]], axis=1), Q)
+    mapping = {"joints": {x: {"position": f"q.{k}", "torque": f"e.{k}"} for k, x in enumerate(JOINTS)}}
+    log = read_log(path, LEG, mapping)
+    np.testing.assert_array_equal(log.of_joints(JOINTS, "torque"), 2 * Q)
+    np.testing.assert_allclose(log.time, T, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rows: [*rows[:4], "[1, 2]", *rows[4:]], r"row 5 needs an object of JSON, .*; got \[1.0, 2.0\]"),
+        (lambda rows: [*rows[:4], '{"time": 0.04, "q":', *rows[4:]], r"row 5 needs an object of JSON, .* \(Expecting"),
+        (lambda rows: [*rows, "[" * 100_000], rf"row {N + 1} needs an object of JSON"),
+        (lambda rows: ["", *rows[:3], {**rows[3], "q.1": 2}, *rows[4:]], r"row 5 has two values named 'q.1'"),
+        (lambda rows: [*rows[:9], {"time": T[9], "q": [0.1]}, *rows[10:]], "row 10, column 'q.1' is empty"),
+        (
+            lambda rows: [*rows[:9], {**rows[9], "q": [0.1, "x"]}, *rows[10:]],
+            "row 10, column 'q.1' needs a number, .*x",
+        ),
+        (lambda rows: [*rows[:9], {**rows[9], "q": [0.1, 1e400]}, *rows[10:]], "row 10, column 'q.1' needs a finite"),
+        (lambda rows: [json.dumps(rows)], "row 1 needs an object of JSON"),
+        (lambda rows: rows[:3], "at least 10 samples, it has 3"),
+        (lambda rows: [], "at least 10 samples, it has 0"),
+    ],
+)
+def test_errors_name_the_row(tmp_path, change, message):
+    path = written(tmp_path / "log.jsonl", change(lines()))
+    with pytest.raises(LogError, match=message) as raised:
+        read_log(path, LEG, {"joints": {x: {"position": f"q.{k}"} for k, x in enumerate(JOINTS)}})
+    assert "\n" not in str(raised.value)
+
+
+TIME = np.arange(4) / 100
+LABELS = ("KNEE", "HIP")
+X = np.random.default_rng(0).normal(size=(4, 2, 3))
+X[2, 1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
+        ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
+        ("time,A\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
+        ("time,A.w\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
+        ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "frame 1: marker 'A' has some of x, y and z only"),
+        ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
+        ("time,A.x,A.y,A.z\n", "needs frames, it has none"),
+        ("time,A.x,A.y,A.z\n0,1,1e30,3\n", "frame 1: marker 'A' needs positions below"),
+    ],
+)
+def test_damaged_tables_are_refused(tmp_path, text, expected):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(LogError, match=expected):
+        read_markers(tmp_path / "a.csv")
+
+
+def test_markers_of_c3d_files_are_read(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    write_c3d(tmp_path / "a.c3d", 50.0, dict(zip(LABELS, X.swapaxes(0, 1), strict=True)), angles=("HIP",))
+    markers = read_markers(tmp_path / "a.c3d")
+    assert markers.labels == ("KNEE",)
+    np.testing.assert_allclose(markers.positions[:, 0], X[:, 0], atol=1e-6)
+    np.testing.assert_allclose(markers.time, np.arange(4) / 50)
+    write_c3d(tmp_path / "b.c3d", 50.0, {"HIP": X[:, 1]}, angles=("HIP",))
+    with pytest.raises(LogError, match="0 markers in 4 frames need positions"):
+        read_markers(tmp_path / "b.c3d")

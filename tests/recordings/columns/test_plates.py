@@ -1,3 +1,5 @@
+"""Force plates, by entries of a mapping or OpenSim's ExternalLoads in place of one."""
+
 import numpy as np
 import pytest
 import walker
@@ -5,7 +7,14 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
+from ident.errors import LogError
 from ident.geometry.se3 import pose
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.columns.entries import read_segments
+from ident.recordings.columns.plates import external_loads
+from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 
 
@@ -206,6 +215,14 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
+def test_moments_without_forces_count_whatever_the_threshold(tmp_path):
+    columns, text = in_plate("right", walker.wrenches()["right"], walker.TAKEN["right"])
+    text = text.replace(f"force = {listed('right', 'F')}\n", "") + "threshold = 40\n"
+    recording = ident.read_log(written(tmp_path, [(columns, text)])[0], walker.mechanism(), tmp_path / "columns.toml")
+    moments = np.stack([columns[f"right_M{axis}"] for axis in "xyz"], axis=1)
+    np.testing.assert_array_equal(recording["right_torque"], moments)
+
+
 def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
     columns, _ = stepping()
     columns["right_px"][np.flatnonzero(walker.motion()[0] > 2)[:3]] = np.nan
@@ -243,10 +260,6 @@ BAD = {
     "sheared": (ON + "corners = [[0,0,0], [1,0,0], [1.3,1,0], [0.3,1,0]]", "needs the corners of a rectangle"),
     "tapered": (ON + "corners = [[1,1,0], [-1,1,0], [-1.1,-1,0], [1.1,-1,0]]", "needs the corners of a rectangle"),
     "a point": (ON + "corners = [[0,0,0], [0,0,0], [0,0,0], [0,0,0]]", "needs the corners of a rectangle"),
-    "not of norm 1": (
-        ON + "position = [0, 0, 0]\nquaternion = [1, 1, 0, 0]",
-        "needs four numbers w, x, y, z of norm 1",
-    ),
     "no free moment": (ON + CORNERS + 'point = ["x", "y", 0]', "[wrenches.p] has 'point' without 'free_moment'"),
     "no point": (ON + CORNERS + 'free_moment = ["", "", "t"]', "[wrenches.p] has 'free_moment' without 'point'"),
     "both moments": (
@@ -254,7 +267,6 @@ BAD = {
         "'torque', moments about its origin, or 'point'",
     ),
     "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
-    "no number": (ON + CORNERS + POINT.replace("0]", "nan]"), "wrenches.p.point needs three coordinates, each a col"),
     "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
     "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
@@ -288,3 +300,81 @@ def test_a_ground_has_no_body_and_a_base_that_moves_no_ground_in_the_world(tmp_p
     with pytest.raises(ident.LogError) as refusal:
         ident.read_log(log, person, mapping)
     assert message in str(refusal.value)
+
+
+FORCE = """<ExternalForce name="{name}">{more}<applied_to_body>{body}</applied_to_body>
+<force_expressed_in_body>{frame}</force_expressed_in_body><point_expressed_in_body>ground</point_expressed_in_body>
+<force_identifier>{name}_v</force_identifier><point_identifier>{name}_p</point_identifier>{torque}</ExternalForce>"""
+TORQUE = "<torque_identifier>{}_m</torque_identifier>"
+SLIDE = np.eye(6)[0]
+
+
+def force(name, body, frame="ground", more="", torque=TORQUE):
+    return FORCE.format(name=name, body=body, frame=frame, more=more, torque=torque.format(name))
+
+
+def loads(path, *forces, tag="ExternalLoads"):
+    inner = f'<{tag} name="walk"><objects>{"".join(forces)}</objects></{tag}>'
+    path.write_text(f'<OpenSimDocument Version="40000">{inner}</OpenSimDocument>', encoding="utf-8")
+    return path
+
+
+def feet():
+    """Two feet that slide along x, the right one at z = 0.1 m."""
+    bodies = []
+    for name, z in (("foot_r", 0.1), ("foot_l", -0.1)):
+        home = np.eye(4)
+        home[2, 3] = z
+        bodies.append(Body(name, -1, home, SLIDE, f"{name}_x"))
+    return Mechanism(Tree(tuple(bodies)), np.array([0, -9.81, 0]))
+
+
+def logged(path, places):
+    """A log in which a force of 100 N acts at each z, on plates called a, b and so on."""
+    t = np.arange(40) / 100
+    columns = {"time": t, "foot_r_x": 0 * t, "foot_l_x": 0 * t}
+    for name, z in zip("ab", places, strict=False):
+        values = {"v": (0, 100, 0), "p": (0.01, 0, z), "m": (0, 0.5, 0)}
+        columns |= {f"{name}_{kind}{axis}": t * 0 + x for kind, xs in values.items() for axis, x in zip("xyz", xs)}  # noqa: B905
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    return path
+
+
+def test_plates_are_under_the_feet_that_the_file_names(tmp_path):
+    path = loads(tmp_path / "loads.xml", force("a", "/bodyset/foot_r"), force("b", "foot_l"))
+    log = read_log(logged(tmp_path / "log.csv", (0.1, -0.1)), feet(), path)
+    assert np.linalg.norm(log["foot_r on a_force"][0]) == pytest.approx(100)
+    assert np.linalg.norm(log["foot_l on b_force"][0]) == pytest.approx(100)
+    assert not log["foot_l on a_force"].any() and not any("expected" in note for note in log.notes)
+    assert read_segments(path) is None
+
+
+def test_forces_that_do_not_act_are_left_out(tmp_path):
+    idle = force("b", "foot_l", more="<appliesForce>false</appliesForce>")
+    path = loads(tmp_path / "loads.xml", force("a", "foot_r"), idle)
+    assert list(external_loads(path, ("foot_r",))["wrenches"]) == ["a"]
+    assert external_loads(path, ("foot_r",))["wrenches"]["a"]["on"] == "foot_r"
+
+
+@pytest.mark.parametrize(
+    "forces, message",
+    [
+        ([], "have an <ExternalForce> that acts, this <OpenSimDocument> has none"),
+        ([force("a", "toes")], "\"a\"> acts on 'toes', which is no body of the model; those are foot_r, foot_l"),
+        ([force("a", "foot_r", frame="foot_r")], "needs the ground as its force_expressed_in_body, got 'foot_r'"),
+        ([force("a", "foot_r", torque="")], "needs a <torque_identifier>"),
+        ([force("a", "foot_r"), force("a", "foot_l")], "every <ExternalForce> needs a name of its own"),
+    ],
+)
+def test_what_cannot_be_taken_is_said(tmp_path, forces, message):
+    with pytest.raises(LogError, match=rf"loads\.xml: .*{message}"):
+        external_loads(loads(tmp_path / "loads.xml", *forces), ("foot_r", "foot_l"))
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    log = logged(tmp_path / "log.csv", ())
+    with pytest.raises(LogError, match="are an XML file that exists"):
+        read_log(log, feet(), tmp_path / "gone.xml")
+    (tmp_path / "torn.xml").write_text("<OpenSimDocument>", encoding="utf-8")
+    with pytest.raises(LogError, match=r"torn\.xml: the file needs to be XML"):
+        read_log(log, feet(), tmp_path / "torn.xml")
