@@ -20,7 +20,7 @@ from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.estimators import low_passed
 from docs.tools.noise.recordings import noisy_recording, sinusoids
 from experiments.data.simulated_study import SimulatedStudy
-from experiments.document import figures, styles
+from experiments.document import figures
 from experiments.reports.identify_page import first_screen
 from experiments.studies.person_on_plates import USUAL
 from ident import read_log
@@ -96,7 +96,7 @@ def figure_estimator() -> Figure:
     """The accelerations over a few seconds."""
     time, curves = accelerations()
     lines = (figures.Line("C1", 0.7), figures.Line("black", 2.0), figures.Line("C0", 1.2, "--"))
-    with styles.paper_style():
+    with figures.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()
         for (label, values), line in zip(curves.items(), lines, strict=True):
@@ -113,7 +113,7 @@ def figure_benchmark(results: dict[str, Any]) -> Figure:
         (0, PENDULUM, ALL_COLUMNS, "samples", "s--", (r"$\psi$, ours", r"$\psi$, loop and lstsq")),
         (1, CHAIN, AGAIN, "bodies", "o-", ("", "")),
     )
-    with styles.paper_style():
+    with figures.paper_style():
         figure = Figure()
         panels = figure.subplots(2, 1)
         for panel, mechanism, task, key, style, labels in lines:
@@ -153,7 +153,7 @@ def save_animation(result: SimulatedStudy, path: Path) -> None:
     """Writes the animation as a GIF."""
     first, last = np.searchsorted(result.recording.time, WINDOW)
     writer = PillowWriter(FRAMES_PER_SECOND)
-    with styles.paper_style(), replacing(path) as temporary:
+    with figures.paper_style(), replacing(path) as temporary:
         figure, drawn = moving_figure(result)
         with writer.saving(figure, temporary, dpi=100):
             for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.document.sheet import INKS
+from experiments.document.figures import INKS
 from experiments.document.symbols import visible
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
@@ -41,7 +41,7 @@ class Replay:
         channels: Name and unit of each channel.
         drawn: Indices of the samples whose channels are drawn (M,), as of `every_nth`.
         curves: The channels at these samples, by label (M, C).
-        inks: Their colours, as indices into `sheet.INKS`; by default in order.
+        inks: Their colours, as indices into `figures.INKS`; by default in order.
         estimate: Estimated φ of the bodies (10 b,); None if none was estimated.
         identified: Number of each body's ten parameters that the recording determines (b,).
         spans: Spans of time to shade, s.

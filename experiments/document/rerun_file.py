@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.document.document import Document
+from experiments.document.figures import INKS
 from experiments.document.replay import Replay
-from experiments.document.sheet import INKS
 from experiments.document.symbols import visible
 from ident.files.limits import library
 from ident.mechanism.body import BASE

@@ -10,8 +10,8 @@ import numpy as np
 
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
+from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import empty_figure
 from experiments.document.writer import sentences
 from experiments.studies.marker_angles import Angles
 from ident.display.plots import Figure

@@ -10,8 +10,8 @@ import numpy as np
 from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
 from experiments.document import pictures, symbols, tabular
 from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
 from ident.display.brief import listed

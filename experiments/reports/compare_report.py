@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import pictures, sheet, symbols, tabular
+from experiments.document import pictures, symbols, tabular
 from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document.figures import SHEET, paper_style
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import paper_style
-from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
+from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.document.writer import sentences
 from ident.display.brief import listed
@@ -55,7 +55,7 @@ def differences_table(difference: Difference) -> tabular.Table:
             regrouping=sums,
         ),
         digits=_digits(difference),
-        regrouped=Regrouped({"": sums}),
+        regrouped={"": sums},
         caption="Base parameters of two identifications and their difference",
         notes=(
             f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
@@ -143,7 +143,7 @@ def figure(difference: Difference) -> Figure:
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = row_panels(sheet.SHEET, labels, "Difference in its standard deviations from noise")
+        drawn, panels = row_panels(SHEET, labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.data.paper import RANDOM_START
 from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
-from experiments.document.styles import empty_figure
+from experiments.document.figures import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
 from experiments.studies.designed_excitation import Design, geometric_mean

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from experiments.document import sheet, symbols
-from experiments.document.styles import paper_style
+from experiments.document import symbols
+from experiments.document.figures import SHEET, paper_style
 from ident.display import plots
 from ident.display.plots import Figure
 from ident.estimate import Estimate
@@ -17,7 +17,7 @@ def held_out_figure(result: Estimate) -> Figure:
     held = result.held_out
     with paper_style():
         slow = held.interrupted(~held.moving, by=False)
-        return plots.fit_figure(sheet.SHEET, _labels(result), held.curves, slow)
+        return plots.fit_figure(SHEET, _labels(result), held.curves, slow)
 
 
 def parameters_figure(result: Estimate) -> Figure:
@@ -25,7 +25,7 @@ def parameters_figure(result: Estimate) -> Figure:
     bodies, model = result.prepared.mechanism.bodies, result.fit.equations.from_model[: result.base.rank]
     names = [symbols.named_symbol(name, bodies) for name in result.base.names]
     with paper_style():
-        return plots.parameters_figure(sheet.SHEET, names, result.psi, INTERVAL * result.std_setup, model)
+        return plots.parameters_figure(SHEET, names, result.psi, INTERVAL * result.std_setup, model)
 
 
 def spectra_figure(result: Estimate) -> Figure:
@@ -34,7 +34,7 @@ def spectra_figure(result: Estimate) -> Figure:
     highest = np.inf if cutoff is None else 3 * cutoff
     with paper_style():
         pair = (held.samples.measured, held.residual)
-        return plots.spectra_figure(sheet.SHEET, _labels(result, "/√Hz"), rate, pair, highest)
+        return plots.spectra_figure(SHEET, _labels(result, "/√Hz"), rate, pair, highest)
 
 
 def _labels(result: Estimate, per: str = "") -> list[str]:

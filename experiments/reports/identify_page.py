@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from experiments.document import pictures
+from experiments.document.figures import SHEET
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
-from experiments.document.sheet import SHEET
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, unit_of

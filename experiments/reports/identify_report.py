@@ -12,7 +12,7 @@ import numpy as np
 from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
+from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
@@ -87,7 +87,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider), "relative": [1] * len(wider)},
         marked=lagging,
         footnote=footnote,
-        regrouped=Regrouped({"": base.expressions(digits=4)}),
+        regrouped={"": base.expressions(digits=4)},
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
         carriers=carried(result),

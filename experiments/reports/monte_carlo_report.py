@@ -11,8 +11,8 @@ from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
-from experiments.document.styles import empty_figure
-from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
+from experiments.document.figures import empty_figure
+from experiments.document.tabular import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
@@ -60,7 +60,7 @@ def table(
         ),
         digits=_digits(distribution),
         deviations={"mean_error": "std"},
-        regrouped=Regrouped({"": sums}),
+        regrouped={"": sums},
         caption=caption,
         notes=("Paper's percentile: where the paper's single run lies among the trials.",) * _beside(distribution),
         bodies=bodies,

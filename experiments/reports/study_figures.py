@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data.simulated_study import SimulatedStudy, wrench_error
 from experiments.document import figures
-from experiments.document.sheet import INKS
+from experiments.document.figures import INKS
 from ident.display.plots import Figure
 
 TRUE_WIDTH = 1.6

@@ -16,7 +16,7 @@ from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
+from experiments.document.tabular import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.writer import sentences
 from experiments.reports import study_figures
 from ident.mechanism.motion import Motion
@@ -62,7 +62,7 @@ def parameters(study: SimulatedStudy, entry: Display) -> tabular.Table:
         deviations=_deviations(shown),
         marked=frozenset(entry.marked if beside_paper else ()),
         footnote=entry.footnote if beside_paper else "",
-        regrouped=Regrouped.of({_model(suffix): sums(study, model) for model, _, suffix in shown.values()}),
+        regrouped={_model(suffix): sums(study, model) for model, _, suffix in shown.values()},
         caption=entry.caption,
         notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
         bodies=study.known.bodies,

@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
 from experiments.document import symbols
-from experiments.document.styles import empty_figure
+from experiments.document.figures import empty_figure
 from ident.display.plots import Axes, Figure, add_legend, few_decades
 from ident.tolerances import INTERVAL
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.document import figures, print_table, styles, tabular
+from experiments.document import figures, print_table, tabular
 from experiments.document.print_table import PACKAGES
 
 BODIES = ("base", "left_thigh", "shank & foot")
@@ -50,7 +50,7 @@ def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several():
 @pytest.mark.parametrize("extension", ["svg", "png"])
 def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(extension):
     def drawing():
-        with styles.paper_style():
+        with figures.paper_style():
             figure = Figure(figsize=(1, 1))
             figure.subplots().plot([0, 1])
             return figures.drawn(figure, extension)
