@@ -12,7 +12,7 @@ import ident
 import multicontact as mc
 import scenes
 import sim
-from ident.display.html import PAGES
+from ident.display.text import PAGES
 from ident.errors import InputError
 
 PUBLIC = [(package, name) for package in (ident, sim) for name in package.__all__]

@@ -71,7 +71,7 @@ class Replay:
         """The replay in JSON types."""
         shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
         poses, solids = self.poses(shown), shapes(self.mechanism)
-        bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
+        bodies, forces = self._bodies(), list(self.forces(shown, poses))
         center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
         gravity = self.mechanism.gravity
         size = float(np.linalg.norm(gravity))
@@ -86,8 +86,11 @@ class Replay:
                 for each in solids
             ],
             "axes": list(self._axes()),
-            "arrows": arrows,
-            "largest": max((np.linalg.norm(np.reshape(x["forces"], (-1, 3)), axis=1).max() for x in arrows), default=0),
+            "arrows": [
+                {"name": visible(name), "points": _short(points.ravel()), "forces": _short(force.ravel())}
+                for name, points, force in forces
+            ],
+            "largest": max((np.linalg.norm(_short(force), axis=1).max() for _, _, force in forces), default=0),
             "frames": _short(self.recording.time[shown]),
             "poses": _short(_seven_numbers(poses)),
             "time": _short(self.recording.time[self.drawn]),
@@ -134,11 +137,6 @@ class Replay:
                 linear, angular = body.twist[:3], body.twist[3:]
                 point, direction = (np.cross(angular, linear), angular) if body.turns else (np.zeros(3), linear)
                 yield {"body": i, "point": _short(point), "direction": _short(direction), "slides": not body.turns}
-
-    def _arrows(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[dict[str, Any]]:
-        """The forces in JSON types."""
-        for name, points, forces in self.forces(shown, poses):
-            yield {"name": visible(name), "points": _short(points.ravel()), "forces": _short(forces.ravel())}
 
     def forces(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Yields the measured forces on the mechanism: name, points of application in m and forces in N (F, 3).

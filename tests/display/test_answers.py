@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled
 
-from ident.display import html
+from ident.display import text
+from ident.display.brief import html_table
 from ident.errors import InputError
 
 pytestmark = pytest.mark.extras
@@ -117,13 +118,13 @@ def test_html_is_well_formed_and_escaped(tmp_path):
     words = " ".join(tags.text)
     assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
     assert "Replay" not in words and "kg\N{NO-BREAK SPACE}m²" in words
-    html.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
+    text.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
     try:
         linked = estimate._repr_html_()
     finally:
-        del html.PAGES[estimate]
+        del text.PAGES[estimate]
     assert "Replay and figures" in linked and "&quot;page&quot;" in linked
-    assert html.table(["<b>"], [["a & b"]]) == (
+    assert html_table(["<b>"], [["a & b"]]) == (
         "<table><thead><tr><th>&lt;b&gt;</th></tr></thead><tbody><tr><td>a &amp; b</td></tr></tbody></table>"
     )
 
