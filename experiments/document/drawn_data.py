@@ -151,12 +151,14 @@ def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> t
         return mark, {name: points[:, k] for k, name in enumerate("xy") if within[k]}
     if isinstance(artist, LineCollection):
         return "interval", _extents(map(_vertices, artist.get_paths()), within, None)
-    if isinstance(artist, PolyCollection | Patch):
-        of_patch = isinstance(artist, Patch)
-        paths = [artist.get_path().transformed(artist.get_patch_transform())] if of_patch else artist.get_paths()
-        outlines = [_vertices(path) for path in paths]
-        if all(map(_is_box, outlines)):
-            return "bar" if all(within) else "span", _extents(outlines, within, orientation)
+    paths: Sequence[Path] = ()
+    if isinstance(artist, PolyCollection):
+        paths = artist.get_paths()
+    if isinstance(artist, Patch):
+        paths = [artist.get_path().transformed(artist.get_patch_transform())]
+    outlines = [_vertices(path) for path in paths]
+    if isinstance(artist, PolyCollection | Patch) and all(map(_is_box, outlines)):
+        return "bar" if all(within) else "span", _extents(outlines, within, orientation)
     raise TypeError(f"The data of a figure are of lines, intervals, bars and spans, not of {type(artist).__name__}.")
 
 

@@ -13,7 +13,6 @@ from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.document.writer import environment
 from experiments.reports import identify_page, identify_report
-from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length
 from ident.geometry.inertia import symmetric
@@ -159,7 +158,7 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": Plot(partial(held_out_figure, payload.estimate), caption)},
+            figures={"figure_held_out": Plot(partial(identify_page.held_out_figure, payload.estimate), caption)},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,

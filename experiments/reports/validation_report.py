@@ -160,39 +160,35 @@ def headline(z: np.ndarray, sentence: str) -> Headline:
 
 
 CAPTIONS = {
-    "figure_validation": "Held-out residuals of the trajectory estimate over those of the best other candidate, up to "
-    "5 % worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
+    summary_figure: "Held-out residuals of the trajectory estimate over those of the best other candidate, up to 5 % "
+    "worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
     "standard deviations, 95 % in grey (b).",
-    "figure_held_out": "Residual of the held-out part over the signal's standard deviation, by channel and candidate.",
-    "figure_published": "Estimates over published parameters, 95 % intervals of both where they are published.",
+    held_out_figure: "Residual of the held-out part over the signal's standard deviation, by channel and candidate.",
+    published_figure: "Estimates over published parameters, 95 % intervals of both where they are published.",
 }
 """Captions of the figures."""
 
 
 def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
-    made = {
-        "table_truth": tables.table_truth(study),
-        "table_peers": tables.table_peers(study),
-        "table_recordings": tables.table_recordings(study),
-        "table_worse": tables.table_worse(study),
-        "table_outside": tables.table_outside(study),
-        "table_missed": tables.table_missed(study),
-        "table_held_out": tables.table_held_out(study),
-        "table_published": tables.table_published(study),
-        "table_agreement": tables.table_agreement(study),
-        "table_was_published": tables.table_was_published(study),
-    }
+    shown = (
+        tables.table_truth,
+        tables.table_peers,
+        tables.table_recordings,
+        tables.table_worse,
+        tables.table_outside,
+        tables.table_missed,
+        tables.table_held_out,
+        tables.table_published,
+        tables.table_agreement,
+        tables.table_was_published,
+    )
+    made = {each.__name__: each(study) for each in shown}
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {}
-    if study.validations:
-        figures = {
-            "figure_validation": partial(summary_figure, study),
-            "figure_held_out": partial(held_out_figure, study),
-        }
+    drawn = {"figure_validation": summary_figure, "figure_held_out": held_out_figure} if study.validations else {}
     if any(each.entry.published for each in study):
-        figures["figure_published"] = partial(published_figure, study)
+        drawn["figure_published"] = published_figure
     said = lines(study)
     return Document(
         "Validation against known parameters and real systems",
@@ -202,6 +198,6 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         lines=said,
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
-        figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},
+        figures={name: Plot(partial(draw, study), CAPTIONS[draw]) for name, draw in drawn.items()},
         numbers={"summary": numbers(study), "provenance": provenance},
     )

@@ -7,8 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.reports.identify_figures import held_out_figure, parameters_figure
-from experiments.reports.identify_page import held_out_caption
+from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
 from ident.display import plots
 
 
