@@ -85,29 +85,8 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z.values()
-    best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
-    out = [
-        f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
-        f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
-        f"{int((ratio > WORSE).sum())} by more."
-    ]
-    if len(bodies):
-        out.append(
-            f"Of {len(bodies)} differences between bodies and rotors of two recordings of one system, each identified "
-            f"alone, {100 * inside(bodies):.0f} % are inside their 95 % intervals."
-        )
-    if len(friction):
-        out.append(
-            f"Of {len(friction)} differences between their friction, {100 * inside(friction):.0f} % are: friction "
-            "changes from trial to trial, which intervals of one trial do not contain."
-        )
-    if len(unusable):
-        out.append(
-            f"Of {len(unusable)} differences between estimates that are unusable by their verdicts, "
-            f"{100 * inside(unusable):.0f} % are."
-        )
-    return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
+    own = sentences("validation_overview.txt", study=study, inside=inside, worse=WORSE)
+    return own + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
 
 
 def peer_lines(study: Study) -> list[str]:
@@ -133,14 +112,10 @@ def worse_lines(study: Study) -> list[str]:
 
 def _identical(validation: Validation) -> str:
     """Sentence on the parameters that are equal by construction."""
-    z = validation.alike_z
-    groups = "; ".join(
-        ", ".join("{:.4f} ± {:.4f}".format(*validation.values[name][::2]) for name in group)
-        for group in validation.entry.alike
-    )
-    values = validation.values
-    priors = [float(values.prior[values.names.index(name)]) for group in validation.entry.alike for name in group]
-    pulled = f" The model's values, ± {min(priors):.4f}, pull them together." if np.isfinite(min(priors)) else ""
+    z, values, alike = validation.alike_z, validation.values, validation.entry.alike
+    groups = "; ".join(", ".join("{:.4f} ± {:.4f}".format(*values[name][::2]) for name in group) for group in alike)
+    prior = min(float(values.prior[values.names.index(name)]) for group in alike for name in group)
+    pulled = f" The model's values, ± {prior:.4f}, pull them together." if np.isfinite(prior) else ""
     return (
         f"{validation.entry.title}: of {len(z)} pairs of parameters that are equal by construction "
         f"{int((abs(z) <= INTERVAL).sum())} differ by at most 1.96 s.d. ({groups}).{pulled}"
