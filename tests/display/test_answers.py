@@ -198,7 +198,8 @@ def test_a_data_frame_has_every_parameter():
     assert frame.loc["Fc(bend)", "unit"] == "N m" and frame.loc["Fc(bend)", "model"] == pytest.approx(0.4)
 
 
-def test_without_pandas_a_sentence_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+@pytest.mark.parametrize("thing", [quick, lambda: quick().consistent(), lambda: quick().prepared.recording])
+def test_without_pandas_a_sentence_names_the_extra(monkeypatch, thing):
+    monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
-        quick().to_frame()
+        thing().to_frame()

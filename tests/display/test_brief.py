@@ -54,9 +54,3 @@ def test_a_recording_as_a_data_frame_is_read_back(monkeypatch):
     again = ident.read_log(frame, driven_arm.mechanism())
     np.testing.assert_allclose(again.time, log.time)
     assert {*log.measured} <= {*again.measured} and (again["bend_torque"] == log["bend_torque"]).all()
-
-
-def test_a_data_frame_of_a_recording_needs_pandas(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(ident.InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
-        driven_arm.log(4.0, 50.0).to_frame()
