@@ -12,7 +12,7 @@ from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
-from experiments.studies.designed_excitation import Design, geometric_mean
+from experiments.studies.designed_excitation import Design
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
 from ident.judgement.finding import NAMED
@@ -45,10 +45,11 @@ def table_deviations(design: Design) -> tabular.Table:
     std = {} if design.known is None else {"std_known": design.known}
     std |= {"std_before": design.before.std, "std_after": design.after.std}
     names = (*design.problem.names, "geometric mean")
-    means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
-    heads, rows = tabular.columns(parameter=names, **means)
+    with np.errstate(divide="ignore"):
+        means = {name: np.append(values, np.exp(np.log(values).mean())) for name, values in std.items()}
     digits = {name: of_deviations(values) for name, values in means.items()}
-    return tabular.Table(title, heads, rows, digits=digits, bodies=design.problem.mechanism.bodies)
+    columns = tabular.columns(parameter=names, **means)
+    return tabular.Table(title, *columns, digits=digits, bodies=design.problem.mechanism.bodies)
 
 
 def table_limits(design: Design) -> tabular.Table:
