@@ -149,9 +149,7 @@ def test_it_has_the_names_of_both_packages_and_no_others():
 
 
 def test_nothing_is_imported_before_it_is_needed():
-    code = (
-        "import multicontact, sys; assert not {'mujoco', 'numpy', 'scipy', 'experiments'} & set(sys.modules)"
-    )
+    code = "import multicontact, sys; assert not {'mujoco', 'numpy', 'scipy', 'experiments'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -64,8 +64,8 @@ def _segments(ax: Axes, study: PersonStudy) -> None:
 
 def growth(study: PersonStudy) -> np.ndarray:
     """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
-    number = len(study.activities)
-    deviations = np.array([study.after([study.seconds] * n + [0.0] * (number - n))[1] for n in range(number + 1)])
+    lengths = study.seconds * np.tri(len(study.activities) + 1, len(study.activities), -1)
+    deviations = np.array([study.after(own.tolist())[1] for own in lengths])
     logs = np.log(deviations / deviations[0])
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
@@ -85,9 +85,9 @@ def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Total seconds, and s.d. of the wrench of motions not recorded over the prior's, for each motion and all."""
-    lengths = np.array(SHARES) * study.seconds
-    kinds = {name: np.eye(len(study.activities))[k] for k, name in enumerate(study.activities)}
+    kinds = dict(zip(study.activities, np.eye(len(study.activities)), strict=True))
     kinds["all"] = np.ones(len(study.activities))
+    lengths = study.seconds * np.array(SHARES)
     return {
         name: (lengths * taken.sum(), np.array([study.predicted_deviation(list(length * taken)) for length in lengths]))
         for name, taken in kinds.items()
