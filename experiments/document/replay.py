@@ -145,18 +145,16 @@ class Replay:
             shown: Indices of the samples (F,).
             poses: Poses of the bodies at them, of `poses`, whose axes the forces are in.
         """
-        base = self.motion.base_poses
-        T_base = np.eye(4) if base is None else base[shown]
-        for name in self.recording.wrenches:
-            if name != GROUND and name not in self.recording.sensors:
-                continue
+        base = None if self.motion.base_poses is None else self.motion.base_poses[shown]
+        T_base = np.eye(4) if base is None else base
+        names = self.mechanism.tree.names
+        for name in (x for x in self.recording.wrenches if x == GROUND or x in self.recording.sensors):
             wrench = self.recording.wrench(name)
-            own = wrench.pose[shown] if wrench.pose.ndim == 3 else wrench.pose
             if wrench.frame == "world":
-                pose = T_base @ pose_in_base(wrench, poses, None if base is None else base[shown])
+                pose = T_base @ pose_in_base(wrench, poses, base)
             else:
-                carrier = T_base if wrench.body is None else poses[:, self.mechanism.tree.names.index(wrench.body)]
-                pose = carrier @ own
+                carrier = T_base if wrench.body is None else poses[:, names.index(wrench.body)]
+                pose = carrier @ (wrench.pose[shown] if wrench.pose.ndim == 3 else wrench.pose)
             pose = np.broadcast_to(pose, (len(shown), 4, 4))
             force = (pose[:, :3, :3] @ np.nan_to_num(wrench.on_mechanism[shown, :3, None]))[..., 0]
             yield name, pose[:, :3, 3], force
