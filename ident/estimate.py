@@ -12,10 +12,17 @@ import numpy as np
 from ident.annotations import typed
 from ident.arguments import check_type, near
 from ident.display.brief import listed, short
-from ident.display.html import PAGES, estimate_html
 from ident.display.numbers import estimate_numbers
 from ident.display.parameters import Groups, Parameter, intervals, parameters_frame, parameters_of
-from ident.display.text import decimals_of, first_parameters, headline, summary_text, undetermined_sentence
+from ident.display.text import (
+    PAGES,
+    decimals_of,
+    estimate_html,
+    first_parameters,
+    headline,
+    summary_text,
+    undetermined_sentence,
+)
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object

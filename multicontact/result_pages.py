@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ident.annotations import WORDS
 from ident.arguments import check_type, checked_path
-from ident.display.html import PAGES
+from ident.display.text import PAGES
 from ident.errors import InputError
 from ident.estimate import Estimate
 

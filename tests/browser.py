@@ -1,6 +1,5 @@
 """Headless Chromium through the HTTP interface of its driver (W3C WebDriver), as far as the tests need it."""
 
-import base64
 import json
 import re
 import shutil
@@ -89,11 +88,6 @@ class Browser:
         """Addresses requested since the page was opened."""
         events = [json.loads(message)["message"] for message in self.log("performance")]
         return [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
-
-    def screenshot(self, path, *, whole=True):
-        """Writes a picture of the page."""
-        shot = self.devtools("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(shot["data"]))
 
 
 @contextmanager

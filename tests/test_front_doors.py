@@ -12,7 +12,7 @@ import ident
 import multicontact as mc
 import scenes
 import sim
-from ident.display.html import PAGES
+from ident.display.text import PAGES
 from ident.errors import InputError
 
 PUBLIC = [(package, name) for package in (ident, sim) for name in package.__all__]
@@ -145,7 +145,7 @@ def test_it_has_the_names_of_both_packages_and_no_others():
 
 
 def test_nothing_is_imported_before_it_is_needed():
-    code = "import multicontact, sys; assert not {'mujoco', 'numpy', 'ident', 'sim', 'matplotlib'} & set(sys.modules)"
+    code = "import multicontact, sys; assert not {'mujoco', 'numpy', 'scipy', 'experiments'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

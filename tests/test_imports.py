@@ -96,6 +96,12 @@ def test_studies_know_no_output(room):
             assert used <= WITHIN[room] | {room}, path
 
 
+def test_reports_take_what_studies_return_and_compute_nothing():
+    for path in sorted((ROOT / "experiments/reports").glob("*.py")):
+        names = [name.rpartition(".")[2] for name in imported(path) if name.startswith("experiments.studies.")]
+        assert all(name[0].isupper() for name in names), path
+
+
 def test_no_modules_import_each_other():
     """Also for types alone, and within functions; a tree that is closed holds a closure, which holds trees."""
     names = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in MODULES}

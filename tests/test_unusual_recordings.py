@@ -12,7 +12,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 
 import ident
 from experiments.data.simulated_person import Laboratory
-from experiments.reports.identify_figures import held_out_figure
+from experiments.reports.identify_page import held_out_figure
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import humanoid, mistaken, recorded
 from ident.errors import ExcitationError

@@ -20,7 +20,7 @@ from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.estimators import low_passed
 from docs.tools.noise.recordings import noisy_recording, sinusoids
 from experiments.data.simulated_study import SimulatedStudy
-from experiments.document import figures, styles
+from experiments.document import figures
 from experiments.reports.identify_page import first_screen
 from experiments.studies.person_on_plates import USUAL
 from ident import read_log
@@ -89,7 +89,7 @@ def figure_estimator() -> Figure:
         ("motion that the servos follow", who.commanded, figures.Line("black", 2.0)),
         ("trajectory estimate", estimate.prepared.samples.motion, figures.Line("C0", 1.2, "--")),
     )
-    with styles.paper_style():
+    with figures.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()
         for label, motion, line in curves:
@@ -106,7 +106,7 @@ def figure_benchmark(results: dict[str, Any]) -> Figure:
         (0, PENDULUM, ALL_COLUMNS, "samples", "s--", (r"$\psi$, ours", r"$\psi$, loop and lstsq")),
         (1, CHAIN, AGAIN, "bodies", "o-", ("", "")),
     )
-    with styles.paper_style():
+    with figures.paper_style():
         figure = Figure()
         panels = figure.subplots(2, 1)
         for panel, mechanism, task, key, style, labels in lines:
@@ -133,7 +133,7 @@ def save_animation(result: SimulatedStudy, path: Path) -> None:
     # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
     ground = result.recording.wrench("ground").values
     forces = np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
-    with styles.paper_style(), replacing(path) as temporary:
+    with figures.paper_style(), replacing(path) as temporary:
         figure = Figure(figsize=(6.4, 3.0), layout=ConstrainedLayoutEngine(h_pad=0.08))
         side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
         cursor = _draw_curves(curves, result)

@@ -8,7 +8,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from itertools import repeat
 from typing import Any
 
@@ -22,7 +22,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path
 from matplotlib.ticker import FixedLocator
-from matplotlib.transforms import Transform
 
 from experiments.document import symbols
 from experiments.document.symbols import plain
@@ -40,17 +39,8 @@ _UNNAMED = re.compile(r"_child\d+|_nolegend_?|_container\d+|")
 """Labels that matplotlib gives artists without one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Marks:
-    """Numbers that an artist draws.
-
-    Attributes:
-        mark: `line`, `points`, `interval`, `bar` or `span`.
-        numbers: Some columns of `NUMBERS`, each (N,); coordinates relative to a panel's height or width are left out.
-    """
-
-    mark: str
-    numbers: Mapping[str, np.ndarray]
+Numbers = dict[str, np.ndarray]
+"""Some columns of `NUMBERS`, each (N,); coordinates relative to a panel's height or width are left out."""
 
 
 def csv_text(figure: Figure) -> str:
@@ -65,42 +55,34 @@ def csv_text(figure: Figure) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(kept)
     for block in blocks:
-        columns = [block[name] for name in kept]
-        number = max(len(column) for column in columns if isinstance(column, list))
-        writer.writerows(
-            zip(*(column if isinstance(column, list) else repeat(column, number) for column in columns), strict=False)
-        )
+        number = max(len(column) for column in block.values() if isinstance(column, list))
+        columns = (block[name] if isinstance(block[name], list) else repeat(block[name], number) for name in kept)
+        writer.writerows(zip(*columns, strict=False))
     return out.getvalue()
 
 
 def _blocks(panel: int, ax: Axes) -> Iterator[dict[str, Any]]:
     """Yields columns by name for each artist of a panel: lists of cells, or a cell that all rows share."""
-    title, *names = (symbols.cell(plain(text)) for text in (ax.get_title(), _axis_name(ax, 0), _axis_name(ax, 1)))
-    shared = {"panel": panel, "title": title, "x_axis": names[0], "y_axis": names[1]}
+    title, x_axis, y_axis = (symbols.cell(plain(text)) for text in (ax.get_title(), *_axis_names(ax)))
+    shared = {"panel": panel, "title": title, "x_axis": x_axis, "y_axis": y_axis}
     categories = {"x": _categories(ax.xaxis), "y": _categories(ax.yaxis)}
-    containers = {id(part): each for each in ax.containers for part in _parts(each)}
+    containers: dict[int, Any] = {}
+    for each in ax.containers:
+        for part in each:
+            # Points and lines of error bars are tuples of artists, or None.
+            containers |= dict.fromkeys(map(id, part if isinstance(part, tuple) else [part]), each)
     for artist in (*ax.lines, *ax.collections, *ax.patches, *ax.images):
         container = containers.get(id(artist))
         curve = _curve(artist if container is None else container)
-        within = _transform(artist).contains_branch_seperately(ax.transData)
+        # A patch's own shape has a transform besides.
+        transform = artist.get_data_transform() if isinstance(artist, Patch) else artist.get_transform()
+        within = transform.contains_branch_seperately(ax.transData)
         if not (all(within) or curve):
             continue
-        marks = _marks(artist, within, getattr(container, "orientation", None))
-        words = {f"{name}_category": _nearest(categories[name], marks.numbers.get(name)) for name in "xy"}
-        numbers = {name: _cells(column) for name, column in marks.numbers.items()}
-        empty = dict.fromkeys(COLUMNS, "")
-        yield empty | shared | {"curve": symbols.cell(curve), "mark": marks.mark} | words | numbers
-
-
-def _parts(container: Any) -> Iterator[Artist]:
-    """Yields the artists of a container, such as points and lines of error bars."""
-    for part in container:
-        yield from part if isinstance(part, tuple) else [part] if part is not None else []
-
-
-def _transform(artist: Artist) -> Transform:
-    """Transform of an artist's coordinates, for a patch without that of its own shape."""
-    return artist.get_data_transform() if isinstance(artist, Patch) else artist.get_transform()
+        mark, numbers = _marks(artist, within, getattr(container, "orientation", None))
+        words = {f"{name}_category": _nearest(categories[name], numbers.get(name)) for name in "xy"}
+        cells = {name: _cells(column) for name, column in numbers.items()}
+        yield dict.fromkeys(COLUMNS, "") | shared | {"curve": symbols.cell(curve), "mark": mark} | words | cells
 
 
 def _curve(labelled: Any) -> str:
@@ -109,12 +91,13 @@ def _curve(labelled: Any) -> str:
     return "" if _UNNAMED.fullmatch(label) else plain(label.removeprefix("_"))
 
 
-def _axis_name(ax: Axes, which: int) -> str:
-    """Label of the abscissa (0) or ordinate (1) of a panel, of one that shares it, or of the figure."""
-    shared = (ax.get_shared_x_axes(), ax.get_shared_y_axes())[which]
-    labels = [(other.xaxis, other.yaxis)[which].get_label_text() for other in (ax, *shared.get_siblings(ax))]
+def _axis_names(ax: Axes) -> Iterator[str]:
+    """Yields the labels of abscissa and ordinate of a panel, of one that shares it, or of the figure."""
     figure: Any = ax.figure
-    return next(filter(None, [*labels, (figure.get_supxlabel, figure.get_supylabel)[which]()]), "")
+    sharing = {"x": ax.get_shared_x_axes(), "y": ax.get_shared_y_axes()}
+    for name, of_figure in (("x", figure.get_supxlabel()), ("y", figure.get_supylabel())):
+        labels = [getattr(each, f"get_{name}label")() for each in (ax, *sharing[name].get_siblings(ax))]
+        yield next(filter(None, [*labels, of_figure]), "")
 
 
 def _categories(axis: Axis) -> dict[float, str]:
@@ -123,16 +106,14 @@ def _categories(axis: Axis) -> dict[float, str]:
         return {}
     places = [float(place) for place in axis.get_majorticklocs()]
     texts = [plain(text) for text in axis.get_major_formatter().format_ticks(places)]
-    pairs = dict(zip(places, texts, strict=True))
-    return {} if all(map(_is_number, places, texts)) else pairs
+    return {} if all(map(_is_number, places, texts)) else dict(zip(places, texts, strict=True))
 
 
 def _is_number(place: float, text: str) -> bool:
     """True if a tick's text is the number at its place, or empty."""
-    try:
+    with suppress(ValueError):
         return not text or float(text.replace(",", "").replace("\N{MINUS SIGN}", "-")) == place
-    except ValueError:
-        return False
+    return False
 
 
 def _nearest(categories: Mapping[float, str], column: np.ndarray | None) -> list[str] | str:
@@ -152,8 +133,8 @@ def _cells(column: np.ndarray) -> list[float | None]:
     return [None if np.isnan(x) else x for x in cells] if np.isnan(column).any() else cells
 
 
-def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> Marks:
-    """Numbers that an artist draws, in the coordinates of the data.
+def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> tuple[str, Numbers]:
+    """What an artist draws (`line`, `points`, `interval`, `bar` or `span`), in the coordinates of the data.
 
     Args:
         artist: The artist.
@@ -167,20 +148,23 @@ def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> M
         points = np.column_stack([artist.get_xdata(orig=False), artist.get_ydata(orig=False)]).astype(float)
         points = points if all(within) else points[:1]
         mark = "points" if artist.get_linestyle() == "None" else "line"
-        return Marks(mark, {name: points[:, k] for k, name in enumerate("xy") if within[k]})
+        return mark, {name: points[:, k] for k, name in enumerate("xy") if within[k]}
     if isinstance(artist, LineCollection):
-        return _extents("interval", map(_vertices, artist.get_paths()), within, None)
-    if isinstance(artist, PolyCollection | Patch):
-        paths = artist.get_paths() if isinstance(artist, PolyCollection) else [_path(artist)]
-        outlines = [_vertices(path) for path in paths]
-        if all(map(_is_box, outlines)):
-            return _extents("bar" if all(within) else "span", outlines, within, orientation)
+        return "interval", _extents(map(_vertices, artist.get_paths()), within, None)
+    paths: Sequence[Path] = ()
+    if isinstance(artist, PolyCollection):
+        paths = artist.get_paths()
+    if isinstance(artist, Patch):
+        paths = [artist.get_path().transformed(artist.get_patch_transform())]
+    outlines = [_vertices(path) for path in paths]
+    if isinstance(artist, PolyCollection | Patch) and all(map(_is_box, outlines)):
+        return "bar" if all(within) else "span", _extents(outlines, within, orientation)
     raise TypeError(f"The data of a figure are of lines, intervals, bars and spans, not of {type(artist).__name__}.")
 
 
-def _extents(mark: str, outlines: Iterable[np.ndarray], within: Sequence[bool], orientation: str | None) -> Marks:
+def _extents(outlines: Iterable[np.ndarray], within: Sequence[bool], orientation: str | None) -> Numbers:
     """Lower and upper ends of intervals, bars or spans with these corners (n, 2) each; across bars their middle."""
-    numbers: dict[str, np.ndarray] = {}
+    numbers: Numbers = {}
     ends = np.array([[each.min(axis=0), each.max(axis=0)] for each in outlines]).reshape(-1, 2, 2)
     across = {"vertical": 0, "horizontal": 1}.get(orientation or "")
     for k, name in enumerate("xy"):
@@ -189,12 +173,7 @@ def _extents(mark: str, outlines: Iterable[np.ndarray], within: Sequence[bool], 
             numbers[name] = (low + high) / 2
         elif within[k]:
             numbers |= {f"{name}_low": low, f"{name}_high": high}
-    return Marks(mark, numbers)
-
-
-def _path(patch: Patch) -> Path:
-    """Outline of a patch in its own coordinates."""
-    return patch.get_path().transformed(patch.get_patch_transform())
+    return numbers
 
 
 def _vertices(path: Path) -> np.ndarray:

@@ -1,17 +1,27 @@
-"""Figures of wrenches as in the paper, and files of figures; matplotlib is imported with the first one."""
+"""Style and files of figures, and figures of wrenches as in the paper; matplotlib is imported with the first one."""
 
 import io
 import re
+import warnings
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.document.styles import empty_figure, paper_style
-from ident.display.plots import Axes, Figure, add_legend, few_decades, few_ticks, label_above, spans
+from ident.display.plots import Axes, Figure, Sheet, add_legend, few_decades, few_ticks, label_above, spans
+
+INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
+"""Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
+
+SHEET = Sheet(3.486, 7.139, 8.6, 3, row=0.16, panel=0.9, margin=0.8)
+"""Sizes of figures for print on pages of two columns (IEEEtran's, 252 and 516 pt, at 72.27 pt per inch), with room
+for a caption."""
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -22,6 +32,37 @@ _WRITTEN: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_type": zlib.Z_RLE}},
 }
 """Options of writing each format: no date; a PNG compression that takes half the time for an eighth more space."""
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """Applies the style of the paper's figures, in the column width of the page, for the duration of a block."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_papers()), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # of names, drawn as boxes
+        mpl.rcParams["figure.figsize"] = [SHEET.column, mpl.rcParams["figure.figsize"][1]]
+        yield
+
+
+@contextmanager
+def empty_figure(height: float, *, wide: bool = False) -> Iterator[Figure]:
+    """Yields a figure in this style, as wide as a column or as the page's text, with a height in inches."""
+    with paper_style():
+        from matplotlib.figure import Figure
+
+        yield Figure(figsize=(SHEET.text if wide else SHEET.column, height))
+
+
+@cache
+def _papers() -> dict[Any, Any]:
+    """All settings, the paper's before matplotlib's own; `rc_context` of a file would read all other styles first."""
+    import matplotlib as mpl
+
+    with as_file(files("experiments.document") / "paper.mplstyle") as path:
+        settings = mpl.rc_params_from_file(path, use_default_template=True)
+    # Reading the backend chooses one, and imports all of pyplot.
+    return {name: settings[name] for name in settings if name != "backend"}
 
 
 @dataclass(frozen=True)
@@ -101,12 +142,16 @@ def drawn(figure: Figure, extension: str) -> bytes:
     """A figure's file in a format."""
     import matplotlib as mpl
     from matplotlib.backend_bases import get_registered_canvas_class
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     with paper_style():
-        pixels = _canvas(figure)
+        # The canvas of pixels caches text sizes from the first measurement to the last file.
+        pixels: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
         # The layout is solved once; solved again for each file it would depend on the previous files.
         if (layout := figure.get_layout_engine()) is not None:
-            _place_empty_labels(figure)
+            # Beside empty labels matplotlib would measure all ticks at each drawing.
+            for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) if not axis.get_label_text()):
+                axis.set_label_coords(0, 0)
             layout.execute(figure)
             figure.set_layout_engine("none")
         # Figure.savefig would draw each file twice, in case the layout were not solved yet. The file is drawn in
@@ -118,24 +163,7 @@ def drawn(figure: Figure, extension: str) -> bytes:
         canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
         figure.set_canvas(pixels)
-        content = file.getvalue()
-        return _rounded(content) if extension == "svg" else content
-
-
-def _place_empty_labels(figure: Figure) -> None:
-    """Fixes the places of empty labels of axes, beside which matplotlib would measure all ticks at each drawing."""
-    for ax in figure.axes:
-        for axis in (ax.xaxis, ax.yaxis):
-            if not axis.get_label_text():
-                axis.set_label_coords(0, 0)
-
-
-def _canvas(figure: Figure) -> Any:
-    """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = figure.canvas
-    return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+        return _rounded(file.getvalue()) if extension == "svg" else file.getvalue()
 
 
 def _rounded(svg: bytes) -> bytes:

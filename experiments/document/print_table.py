@@ -1,14 +1,14 @@
 """Tables in a journal's style: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import compress, groupby, pairwise
 from math import ceil
 
-from experiments.document import symbols
-from experiments.document.sheet import SHEET
+from experiments.document import symbols, terminal
+from experiments.document.figures import SHEET
 from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
 from experiments.document.tabular import DAGGER, Table
 from ident.geometry.inertia import body_of_parameter
@@ -122,16 +122,15 @@ _UNITS = {
     "kg m": r"\kilo\gram\metre",
     "kg": r"\kilo\gram",
     "N m": r"\newton\metre",
-}
-_UNITS |= {
     "N": r"\newton",
     "s": r"\second",
     "deg": r"\degree",
     "rad": r"\radian",
     "m": r"\metre",
     "mm": r"\milli\metre",
+    "%": r"\percent",
+    "1": r"\text{--}",
 }
-_UNITS |= {"%": r"\percent", "1": r"\text{--}"}
 
 
 def unit(text: str) -> str:
@@ -161,56 +160,47 @@ def tex(table: Table, label: str = "") -> str:
     """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
     table = table.filled()
     columns, caption, notes = _columns(table), _caption(table.caption or table.title), _notes(table)
-    narrow, wide = 72.27 * SHEET.column, 72.27 * SHEET.text
+    narrow, wide, height = (72.27 * inches for inches in (SHEET.column, SHEET.text, SHEET.height))
     needed = sum(column.width(NORMAL) for column in columns)
-    star = "*" if needed > narrow else ""
-    room = wide if star else narrow
-    size = NORMAL if needed <= room else SMALL
+    star, room = ("*", wide) if needed > narrow else ("", narrow)
+    size, keys = NORMAL if needed <= room else SMALL, 1 + (len(columns) > len(table.columns))
+    parts = terminal.parts(columns, keys, lambda part: sum(each.width(size) for each in part) <= room)
+    if len(parts) > 1:
+        parts = [_with_cells(part, keys) for part in parts]
     floats: list[str] = []
-    for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
-        for page in _pages(part, size, room, 72.27 * SHEET.height):
-            rows = [replace(column, cells=column.cells[page]) for column in part]
-            continued = r" \emph{(continued)}" if floats else ""
-            name = f"\\label{{tab:{label}}}" if label and not floats else ""
-            same = "\\addtocounter{table}{-1}\n" if floats else ""
-            floats.append(
-                f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
-                f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{notes}"
-                f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
-            )
+    for rows in (page for part in parts for page in _pages(part, size, room, height)):
+        continued = r" \emph{(continued)}" if floats else ""
+        name = f"\\label{{tab:{label}}}" if label and not floats else ""
+        same = "\\addtocounter{table}{-1}\n" if floats else ""
+        floats.append(
+            f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
+            f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{notes}"
+            f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
+        )
     return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
-
-
-def _parts(columns: Sequence[Column], keys: int, size: Size, room: float) -> list[list[Column]]:
-    """The columns, in as many sets as it takes for each to fit; all sets begin with the first `keys` columns."""
-    first = list(columns[:keys])
-    parts = [list(first)]
-    for column in columns[keys:]:
-        if len(parts[-1]) > keys and sum(each.width(size) for each in (*parts[-1], column)) > room:
-            parts.append(list(first))
-        parts[-1].append(column)
-    return parts if len(parts) == 1 else [_with_cells(part, keys) for part in parts]
 
 
 def _with_cells(columns: Sequence[Column], keys: int) -> list[Column]:
     """A set of columns without the rows that are empty beyond the first `keys` columns."""
-    kept = [k for k in range(len(columns[0].cells)) if any(column.cells[k] for column in columns[keys:])]
-    return [replace(column, cells=[column.cells[k] for k in kept]) for column in columns]
+    kept = [any(cells) for cells in zip(*(column.cells for column in columns[keys:]), strict=True)]
+    return [replace(column, cells=[*compress(column.cells, kept)]) for column in columns]
 
 
-def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> list[slice]:
-    """Slices of rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
+def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> Iterator[list[Column]]:
+    """Yields the columns' rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
     most = (height - AROUND) / size.line
     long = [column for column in columns if column.long]
     left = room - sum(column.width(size) for column in columns if not column.long)
     letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
+    number = len(columns[0].cells)
     starts, used = [0], 0
-    for row in range(len(columns[0].cells)):
+    for row in range(number):
         lines = max([1, *(ceil(letters_of(column.cells[row]) / letters) for column in long)])
         if used and used + lines > most:
             starts, used = [*starts, row], 0
         used += lines
-    return [slice(start, end) for start, end in pairwise([*starts, len(columns[0].cells)])]
+    for start, end in pairwise([*starts, number]):
+        yield [replace(column, cells=column.cells[start:end]) for column in columns]
 
 
 def figure(name: str, caption: str, width: float) -> str:
@@ -229,29 +219,20 @@ def _caption(caption: str) -> str:
 
 
 def _columns(table: Table) -> list[Column]:
-    rows = list(zip(*_texts(table), strict=True)) or [()] * len(table.headings())
-    out = []
-    for head, cells, numeric in zip(table.headings(), rows, table.numeric(), strict=True):
-        words, _, remark = head.partition(", ")
-        out.append(Column(words, remark, cells, numeric))
-    return out
-
-
-def _texts(table: Table) -> list[list[str]]:
-    """Rows in LaTeX: names of bodies slanted, units by siunitx."""
-    rows, numeric = table.texts(text_with_symbols), table.numeric()
-    has_units = len(table.headings()) > len(table.columns)
-    for row, (first, *_), plain in zip(rows, table.rows, table.texts(), strict=True):
-        row[:] = [number if n else text for number, text, n in zip(plain, row, numeric, strict=True)]
+    """Columns in LaTeX: numbers as they are, names of bodies slanted, units by siunitx."""
+    heads, numeric, plain = table.headings(), table.numeric(), table.texts()
+    rows = table.texts(text_with_symbols)
+    for row, own, (first, *_) in zip(rows, plain, table.rows, strict=True):
         row[0] = row[0].replace(DAGGER, _MARKS[DAGGER])
         if (body := body_of_parameter(str(first), table.bodies)) is not None:
             row[0] = f"{row[0][: -len(symbols.tex(body))]}\\emph{{{symbols.tex(body)}}}"
-        if has_units:
-            row[1] = unit(plain[1])
-        elif "unit" in table.columns:
-            k = table.columns.index("unit")
-            row[k] = unit(plain[k])
-    return rows
+        if "unit" in heads:
+            row[heads.index("unit")] = unit(own[heads.index("unit")])
+    out = []
+    for k, (head, is_numeric) in enumerate(zip(heads, numeric, strict=True)):
+        words, _, remark = head.partition(", ")
+        out.append(Column(words, remark, [row[k] for row in (plain if is_numeric else rows)], is_numeric))
+    return out
 
 
 def _tabular(columns: Sequence[Column]) -> str:

@@ -7,6 +7,7 @@ import platform
 import subprocess
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,14 @@ WIDE = ("SkylakeX", "Cooperlake", "SapphireRapids")
 
 def kernels() -> dict[str, str]:
     """Names of the kernels that the OpenBLAS of numpy and that of scipy use; none for other libraries."""
-    places = Path(np.__file__).parents[1]
-    every = {package: _of(sorted(places.glob(f"{package}.libs/*openblas*"))) for package in ("numpy", "scipy")}
-    return {package: name for package, name in every.items() if name is not None}
-
-
-def _of(files: list[Path]) -> str | None:
-    for file in files:
-        with suppress(OSError):
-            library = ctypes.CDLL(str(file))
-            for symbol in SYMBOLS:
-                with suppress(AttributeError):
-                    name = getattr(library, symbol)
-                    name.restype = ctypes.c_char_p
-                    return str(name().decode())
-    return None
+    places, out = Path(np.__file__).parents[1], dict[str, str]()
+    for package in ("numpy", "scipy"):
+        for file, symbol in product(sorted(places.glob(f"{package}.libs/*openblas*")), SYMBOLS):
+            with suppress(OSError, AttributeError):
+                name = getattr(ctypes.CDLL(str(file)), symbol)
+                name.restype = ctypes.c_char_p
+                out.setdefault(package, str(name().decode()))
+    return out
 
 
 def advice(chosen: Mapping[str, str], features: set[str]) -> str | None:
@@ -67,13 +61,13 @@ def features() -> set[str]:
 
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Everything needed to repeat a study: options, scene, versions, kernels of linear algebra and commit."""
-    packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
     chosen = kernels()
     remark = advice(chosen, features())
+    versions = {name: version(name) for name in ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")}
     return {
         "options": dict(options),
         "recording": dict(recording or {}),
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
+        "versions": {"python": platform.python_version()} | versions,
         "linear_algebra": {"openblas_kernels": chosen} | ({"remark": remark} if remark else {}),
         "git_commit": _git_commit(),
     }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.document.sheet import INKS
+from experiments.document.figures import INKS
 from experiments.document.symbols import visible
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
@@ -41,7 +41,7 @@ class Replay:
         channels: Name and unit of each channel.
         drawn: Indices of the samples whose channels are drawn (M,), as of `every_nth`.
         curves: The channels at these samples, by label (M, C).
-        inks: Their colours, as indices into `sheet.INKS`; by default in order.
+        inks: Their colours, as indices into `figures.INKS`; by default in order.
         estimate: Estimated φ of the bodies (10 b,); None if none was estimated.
         identified: Number of each body's ten parameters that the recording determines (b,).
         spans: Spans of time to shade, s.
@@ -71,7 +71,7 @@ class Replay:
         """The replay in JSON types."""
         shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
         poses, solids = self.poses(shown), shapes(self.mechanism)
-        bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
+        bodies, forces = self._bodies(), list(self.forces(shown, poses))
         center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
         gravity = self.mechanism.gravity
         size = float(np.linalg.norm(gravity))
@@ -86,8 +86,11 @@ class Replay:
                 for each in solids
             ],
             "axes": list(self._axes()),
-            "arrows": arrows,
-            "largest": max((np.linalg.norm(np.reshape(x["forces"], (-1, 3)), axis=1).max() for x in arrows), default=0),
+            "arrows": [
+                {"name": visible(name), "points": _short(points.ravel()), "forces": _short(force.ravel())}
+                for name, points, force in forces
+            ],
+            "largest": max((np.linalg.norm(_short(force), axis=1).max() for _, _, force in forces), default=0),
             "frames": _short(self.recording.time[shown]),
             "poses": _short(_seven_numbers(poses)),
             "time": _short(self.recording.time[self.drawn]),
@@ -135,11 +138,6 @@ class Replay:
                 point, direction = (np.cross(angular, linear), angular) if body.turns else (np.zeros(3), linear)
                 yield {"body": i, "point": _short(point), "direction": _short(direction), "slides": not body.turns}
 
-    def _arrows(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[dict[str, Any]]:
-        """The forces in JSON types."""
-        for name, points, forces in self.forces(shown, poses):
-            yield {"name": visible(name), "points": _short(points.ravel()), "forces": _short(forces.ravel())}
-
     def forces(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Yields the measured forces on the mechanism: name, points of application in m and forces in N (F, 3).
 
@@ -147,18 +145,16 @@ class Replay:
             shown: Indices of the samples (F,).
             poses: Poses of the bodies at them, of `poses`, whose axes the forces are in.
         """
-        base = self.motion.base_poses
-        T_base = np.eye(4) if base is None else base[shown]
-        for name in self.recording.wrenches:
-            if name != GROUND and name not in self.recording.sensors:
-                continue
+        base = None if self.motion.base_poses is None else self.motion.base_poses[shown]
+        T_base = np.eye(4) if base is None else base
+        names = self.mechanism.tree.names
+        for name in (x for x in self.recording.wrenches if x == GROUND or x in self.recording.sensors):
             wrench = self.recording.wrench(name)
-            own = wrench.pose[shown] if wrench.pose.ndim == 3 else wrench.pose
             if wrench.frame == "world":
-                pose = T_base @ pose_in_base(wrench, poses, None if base is None else base[shown])
+                pose = T_base @ pose_in_base(wrench, poses, base)
             else:
-                carrier = T_base if wrench.body is None else poses[:, self.mechanism.tree.names.index(wrench.body)]
-                pose = carrier @ own
+                carrier = T_base if wrench.body is None else poses[:, names.index(wrench.body)]
+                pose = carrier @ (wrench.pose[shown] if wrench.pose.ndim == 3 else wrench.pose)
             pose = np.broadcast_to(pose, (len(shown), 4, 4))
             force = (pose[:, :3, :3] @ np.nan_to_num(wrench.on_mechanism[shown, :3, None]))[..., 0]
             yield name, pose[:, :3, 3], force

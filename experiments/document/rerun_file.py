@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.document.document import Document
+from experiments.document.figures import INKS
 from experiments.document.replay import Replay
-from experiments.document.sheet import INKS
 from experiments.document.symbols import visible
 from ident.files.limits import library
 from ident.mechanism.body import BASE
@@ -39,14 +40,14 @@ Moving = tuple[Entity, Any, np.ndarray, Any]
 """Path, style, times in s, and the library's columns of values."""
 
 
-def check_installed() -> None:
-    """Checks that the library is installed, before a long computation.
+def check_installed() -> Any:
+    """The library, so that a long computation does not end without it.
 
     Raises:
-        InputError: It is not.
+        InputError: It is not installed.
     """
     with library("rerun", "This"):
-        import rerun  # noqa: F401
+        return import_module("rerun")
 
 
 def with_rerun(document: Document) -> Document:
@@ -65,15 +66,13 @@ def write_rerun(replay: Replay, path: Path) -> None:
     Raises:
         InputError: The library is not installed.
     """
-    with library("rerun", "This"):
-        import rerun
-
+    rerun = check_installed()
     stream = rerun.RecordingStream(APPLICATION, recording_id=APPLICATION, send_properties=False)
     stream.save(path, default_blueprint=_layout(replay))
     stream.send_recording_name(path.stem)
-    for entity, content in _resting(replay):
+    for entity, content in _resting(rerun, replay):
         stream.log(_path(*entity), content, static=True, strict=True)
-    for entity, style, time, columns in (*_moving(replay), *_curves(replay)):
+    for entity, style, time, columns in (*_moving(rerun, replay), *_curves(rerun, replay)):
         if style is not None:
             stream.log(_path(*entity), style, static=True, strict=True)
         times = [rerun.TimeColumn("time", duration=time)]
@@ -105,22 +104,18 @@ def _path(*parts: str) -> str:
     return str(new_entity_path([visible(part) for part in parts]))
 
 
-def _resting(replay: Replay) -> Iterator[tuple[Entity, Any]]:
+def _resting(rerun: Any, replay: Replay) -> Iterator[tuple[Entity, Any]]:
     """Yields what does not change: axes, the mechanism's place in the world, and shapes on bodies."""
-    import rerun
-
     pose, names = replay.mechanism.pose, replay.mechanism.tree.names
     yield (), rerun.ViewCoordinates.RIGHT_HAND_Z_UP
     yield ("mechanism",), rerun.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
     for k, each in enumerate(shapes(replay.mechanism)):
         on = () if each.body == BASE else ("bodies", names[each.body])
-        yield ("mechanism", *on, f"shape {k}"), _solid(each)
+        yield ("mechanism", *on, f"shape {k}"), _solid(rerun, each)
 
 
-def _solid(shape: Shape) -> Any:
+def _solid(rerun: Any, shape: Shape) -> Any:
     """A convex solid whose faces are flat, each with corners of its own."""
-    import rerun
-
     corners = shape.vertices[shape.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -132,10 +127,8 @@ def _solid(shape: Shape) -> Any:
     )
 
 
-def _moving(replay: Replay) -> Iterator[Moving]:
+def _moving(rerun: Any, replay: Replay) -> Iterator[Moving]:
     """Yields what moves: poses of bodies, links between joints, and forces."""
-    import rerun
-
     tree, poses, time = replay.mechanism.tree, replay.poses(replay.drawn), replay.recording.time[replay.drawn]
     for i, name in enumerate(tree.names):
         quaternions = Rotation.from_matrix(poses[:, i, :3, :3]).as_quat()
@@ -154,9 +147,8 @@ def _moving(replay: Replay) -> Iterator[Moving]:
         yield ("mechanism", "forces", name), rerun.Arrows3D.from_fields(colors=FORCE, **style), time, columns
 
 
-def _curves(replay: Replay) -> Iterator[Moving]:
+def _curves(rerun: Any, replay: Replay) -> Iterator[Moving]:
     """Yields each curve of each channel, without the samples that it lacks."""
-    import rerun
     from matplotlib.colors import to_rgba
 
     time = replay.recording.time[replay.drawn]

@@ -20,9 +20,7 @@ def order(name: str) -> int:
     >>> [order(name) for name in ("m1", "m2rz2", "Ixx3")]
     [0, 1, 2]
     """
-    match = PARAMETER.fullmatch(name)
-    assert match is not None
-    return 2 if match[3] else 1 if match[2] else 0
+    return 2 if name.startswith("I") else int("r" in name)
 
 
 def in_words(name: str, arm: Mechanism) -> str:
@@ -31,14 +29,12 @@ def in_words(name: str, arm: Mechanism) -> str:
     if match is None:
         return name.replace("offset(", "constant offset of ").rstrip(")") if name.startswith("offset(") else name
     body = arm.tree.bodies[arm.tree.inertial[body_index(name) or 0]]
-    if match[3]:
-        axes = match[3]
+    _, moment, axes, _ = match.groups()
+    if axes:
         about = f"moment of inertia of {body.name} about {axes[0]}"
         kind = about if axes[0] == axes[1] else f"product of inertia {axes} of {body.name}"
         return f"{kind}, at {_origin(body)}"
-    if match[2]:
-        return f"first moment of {body.name} along {match[2]} about {_origin(body)}"
-    return f"mass of {body.name}"
+    return f"first moment of {body.name} along {moment} about {_origin(body)}" if moment else f"mass of {body.name}"
 
 
 def regrouped_in_words(base: BaseParameters, k: int, arm: Mechanism) -> str:
@@ -164,9 +160,12 @@ def _with_minus(text: str) -> str:
 
 
 def _symbol(match: re.Match[str]) -> Symbol:
-    mass, moment, axes, inertia, kind, axis = match.groups()
-    if kind:
-        return ((kind, axis),)
+    *_, kind, axis = match.groups()
+    return ((kind, axis),) if kind else _parameter(match)
+
+
+def _parameter(match: re.Match[str]) -> Symbol:
+    mass, moment, axes, inertia = match.groups()[:4]
     if axes:
         return (("I", f"{axes},{inertia}"),)
     return (("m", mass), ("r", f"{moment},{mass}")) if moment else (("m", mass),)
@@ -175,12 +174,7 @@ def _symbol(match: re.Match[str]) -> Symbol:
 def parameter_symbol(name: str) -> str:
     """A parameter's name as in the paper, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
     match = PARAMETER.fullmatch(name)
-    if match is None:
-        return label(name)
-    mass, moment, axes, inertia = match.groups()
-    if axes:
-        return f"$I_{{{axes},{inertia}}}$"
-    return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
+    return label(name) if match is None else f"${''.join(f'{a}_{{{index}}}' for a, index in _parameter(match))}$"
 
 
 def named_symbol(name: str, bodies: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
+from itertools import compress
 from numbers import Integral
 
 from experiments.document import symbols, terminal
@@ -85,55 +86,10 @@ def lacking(texts: Sequence[str]) -> list[str]:
     >>> lacking(["1.25", "-30", "0.1", "2.00e+06", ""])
     ['', '.00', '0', '', '']
     """
-    parts = [re.fullmatch(r"[-+]?\d+(?:\.(\d+))?", text) for text in texts]
-    most = max((len(part[1] or "") for part in parts if part), default=0)
-    return ["" if part is None else ("." + "0" * most)[_shown(part[1], most) :] for part in parts]
-
-
-def _shown(decimals: str | None, most: int) -> int:
-    """Letters of a column's decimals, with their point, that a number has."""
-    return 1 + len(decimals) if decimals else 0 if most else 1
-
-
-@dataclass(frozen=True)
-class Regrouped:
-    """Sums that parameters stand for.
-
-    Attributes:
-        sums: Sums by model, each beginning with the name of its parameter; the model is empty if there is one only.
-    """
-
-    sums: Mapping[str, Sequence[str]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, sums: Mapping[str, Sequence[str]]) -> "Regrouped":
-        """Sums by model, without the models' names if they are the same for all."""
-        first, *others = sums.values()
-        return cls(sums if any(each != first for each in others) else {"": first})
-
-    @cached_property
-    def names(self) -> frozenset[str]:
-        """Names of the parameters that stand for several in some model."""
-        return frozenset(_name(each) for sums in self.sums.values() for each in sums if each != _name(each))
-
-    def sentence(self, shown: Collection[object], *, column: bool) -> str:
-        """Sentence with the sums of the shown parameters, or on the table's column that has them."""
-        if column:
-            return "Regrouped with other parameters: the sum is in the column of regroupings."
-        kept = {model: [each for each in sums if self._counts(each, shown)] for model, sums in self.sums.items()}
-        parts = [(model, ", ".join(sums)) for model, sums in kept.items() if sums]
-        listed = "; ".join(f"{model}: {sums}" if model else sums for model, sums in parts)
-        return f"Regrouped sums{', ' if parts[0][0] else ': '}{listed}."
-
-    @staticmethod
-    def _counts(terms: str, shown: Collection[object]) -> bool:
-        """True for a sum of several terms that belongs to a shown parameter."""
-        return _name(terms) in shown and terms != _name(terms)
-
-
-def _name(terms: str) -> str:
-    """Name of the parameter that stands for a sum, its first term."""
-    return terms.split(" ", 1)[0]
+    parts = [re.fullmatch(r"[-+]?\d+(\.\d+)?", text) for text in texts]
+    shown = [None if part is None else len(part[1] or "") for part in parts]
+    most = max((letters for letters in shown if letters is not None), default=0)
+    return ["" if letters is None else ("." + "0" * most)[letters:most] for letters in shown]
 
 
 Cell = str | float | None
@@ -146,14 +102,15 @@ class Table:
     Attributes:
         title: Title, for the screen and for pages.
         columns: Column names of the CSV file; elsewhere `heading`s of them.
-        rows: Cells: texts, numbers, or None if empty; empty columns are in the CSV file alone.
+        rows: Cells: texts, numbers, or None or NaN if empty; empty columns are in the CSV file alone.
         decimals: Decimals of numbers, except in the CSV file, which keeps all digits; counts have none.
         deviations: Columns of standard deviations by the columns of their estimates; both have decimals that leave the
             standard deviation two digits.
         digits: Decimals of other columns, a number for each row, in place of `decimals`.
         marked: First cells of the rows that get an asterisk, except in the CSV file.
         footnote: Meaning of the asterisk.
-        regrouped: Parameters that stand for sums, which get a dagger, except in the CSV file.
+        regrouped: Sums by model, each beginning with the name of the parameter that stands for it; those of several
+            parameters get a dagger, except in the CSV file.
         caption: Caption in print, by default the title.
         notes: Further notes in print.
         bodies: Names of the bodies of the parameters in the first column, numbered from 1.
@@ -165,13 +122,13 @@ class Table:
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: Sequence[Sequence[Cell]]
     decimals: int = 3
     deviations: Mapping[str, str] = field(default_factory=dict)
     digits: Mapping[str, Decimals] = field(default_factory=dict)
     marked: frozenset[str] = frozenset()
     footnote: str = ""
-    regrouped: Regrouped = field(default_factory=Regrouped)
+    regrouped: Mapping[str, Sequence[str]] = field(default_factory=dict)
     caption: str = ""
     notes: tuple[str, ...] = ()
     bodies: tuple[str, ...] = ()
@@ -179,6 +136,10 @@ class Table:
     heads: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)
     carriers: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = (tuple(None if isinstance(x, float) and math.isnan(x) else x for x in row) for row in self.rows)
+        object.__setattr__(self, "rows", tuple(rows))
 
     def csv(self) -> str:
         """Comma-separated values with full precision; if bodies have names, a column holds each parameter's body.
@@ -201,50 +162,63 @@ class Table:
         if not self.rows or len(kept) == len(self.columns):
             return self
         columns = tuple(self.columns[k] for k in kept)
-        return replace(self, columns=columns, rows=tuple(tuple(row[k] for k in kept) for row in self.rows))
+        return replace(self, columns=columns, rows=[[row[k] for k in kept] for row in self.rows])
 
     def markdown(self) -> str:
         """A Markdown table under its title, numbers right-aligned."""
-        if (filled := self.filled()) is not self:
-            return filled.markdown()
-        rule = ["---:" if numeric else "---" for numeric in self.numeric()]
-        head = list(map(symbols.markdown, self.headings()))
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(symbols.markdown)])
+        shown = self.filled()
+        rule = ["---:" if numeric else "---" for numeric in shown.numeric()]
+        head = list(map(symbols.markdown, shown.headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *shown.texts(symbols.markdown)])
         title = f"**{symbols.markdown(self.title)}**\n\n" if self.title else ""
-        notes = (f"\n{symbols.markdown(mark)} {symbols.markdown(note)}\n" for mark, note in self.remarks())
+        notes = (f"\n{symbols.markdown(mark)} {symbols.markdown(note)}\n" for mark, note in shown.remarks())
         return title + table + "".join(notes)
 
     def text(self) -> str:
         """Aligned columns for the terminal, without the column of units."""
-        if (filled := self.filled()) is not self:
-            return filled.text()
-        kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
-        heads, *rows = ([line[k] for k in kept] for line in (self.headings(), *self.texts()))
+        shown = self.filled()
+        heads, numeric = shown.headings(), shown.numeric()
+        kept = [k for k in range(len(heads)) if not (k == 1 and shown._units())]
         rows = [
-            [text + terminal.FILLER * len(lack[k]) for k, text in zip(kept, row, strict=True)]
-            for row, lack in zip(rows, self.lacking(), strict=True)
+            [row[k] + terminal.FILLER * len(lack[k]) for k in kept]
+            for row, lack in zip(shown.texts(), shown.lacking(), strict=True)
         ]
-        lines = terminal.table(heads, rows, [self.numeric()[k] for k in kept])
-        notes = [terminal.wrapped_sums(f"{mark} {note}") for mark, note in self.remarks()]
+        lines = terminal.table([heads[k] for k in kept], rows, [numeric[k] for k in kept])
+        notes = [terminal.wrapped_sums(f"{mark} {note}") for mark, note in shown.remarks()]
         return "\n".join([terminal.wrapped(self.title), *lines, *notes, ""])
 
     def remarks(self) -> list[tuple[str, str]]:
         """Marks of first cells, each with a sentence on its meaning."""
         notes = [("*", self.footnote)] if self.footnote else []
         shown = {row[0] for row in self.rows}
-        if not shown & self.regrouped.names:
+        kept = {model: [own[name] for name in own if name in shown] for model, own in self._sums.items()}
+        models = [model for model, sums in kept.items() if sums]
+        if not models:
             return notes
-        return [*notes, (DAGGER, self.regrouped.sentence(shown, column=SUMS in self.columns))]
+        if SUMS in self.columns:
+            return [*notes, (DAGGER, "Regrouped with other parameters: the sum is in the column of regroupings.")]
+        listed = "; ".join(f"{model}: " * bool(model) + ", ".join(kept[model]) for model in models)
+        return [*notes, (DAGGER, f"Regrouped sums{', ' if models[0] else ': '}{listed}.")]
+
+    @cached_property
+    def _sums(self) -> dict[str, dict[str, str]]:
+        """Sums of several parameters by model and by their first one; without the model if all have the same."""
+        models = (
+            self.regrouped
+            if len(set(map(tuple, self.regrouped.values()))) > 1
+            else {"": next(iter(self.regrouped.values()), ())}
+        )
+        named = {model: {each.split(" ", 1)[0]: each for each in sums} for model, sums in models.items()}
+        return {model: {name: each for name, each in sums.items() if name != each} for model, sums in named.items()}
 
     def without(self, names: Collection[str], note: str) -> "Table":
         """The table without the rows of some names, and with a note on them."""
         if not names:
             return self
-        kept = [k for k, row in enumerate(self.rows) if str(row[0]) not in names]
-        units = tuple(self.units[k] for k in kept) if self.units else ()
-        digits = {name: [decimals[k] for k in kept] for name, decimals in self.digits.items()}
-        rows, notes = tuple(self.rows[k] for k in kept), (*self.notes, note)
-        return replace(self, rows=rows, units=units, digits=digits, notes=notes)
+        kept = [str(row[0]) not in names for row in self.rows]
+        digits = {name: [*compress(decimals, kept)] for name, decimals in self.digits.items()}
+        rows, units = [*compress(self.rows, kept)], (*compress(self.units, kept),)
+        return replace(self, rows=rows, units=units, digits=digits, notes=(*self.notes, note))
 
     def headings(self) -> list[str]:
         """Column names in words, with one for the units of the rows."""
@@ -255,8 +229,8 @@ class Table:
         """Rows as text, with cells written by `escaped`, parameters with or without the names of their bodies."""
         units, rows = self._units(), []
         for k, (first, *more) in enumerate(self.rows):
-            decimals = [self.decimals_at(name, k) for name in self.columns[1:]]
-            cells = [self._text(*each, escaped) for each in zip(more, decimals, strict=True)]
+            named = zip(self.columns[1:], more, strict=True)
+            cells = [self._text(cell, self.decimals_at(name, k), escaped) for name, cell in named]
             rows.append([self._name(first, escaped, owners), *map(escaped, units[k : k + 1]), *cells])
         return rows
 
@@ -289,15 +263,14 @@ class Table:
 
     def groups(self) -> list[tuple[str, str, list[int]]]:
         """Rows in groups, each with its name and its units: by body, or by unit; one group without either."""
-        heads, texts, units = self.headings(), self.texts(), dict[tuple[str, str], dict[str, None]]()
-        members = dict[tuple[str, str], list[int]]()
-        for k, row in enumerate(texts):
-            unit = row[heads.index("unit")] if "unit" in heads else ""
+        heads, texts, members = self.headings(), self.texts(), dict[str, list[int]]()
+        units = [row[heads.index("unit")] if "unit" in heads else "" for row in texts]
+        named = heads[0] == "body" or bool(self.bodies)
+        for k, (row, unit) in enumerate(zip(texts, units, strict=True)):
             body = row[0] if heads[0] == "body" else self._owner(self.rows[k][0])
-            group = (body, "" if self.bodies or heads[0] == "body" else unit)
-            members.setdefault(group, []).append(k)
-            units.setdefault(group, {})[unit] = None
-        return [(group[0], ", ".join(units[group]), rows) for group, rows in members.items()]
+            members.setdefault(body if named else unit, []).append(k)
+        each = [(group * named, dict.fromkeys(units[k] for k in own), own) for group, own in members.items()]
+        return [(name, ", ".join(own), rows) for name, own, rows in each]
 
     def _owner(self, cell: Cell) -> str:
         """Body of a parameter or of the joint of a drive such as `Fc(elbow)`, empty for other rows."""
@@ -313,7 +286,7 @@ class Table:
         named = isinstance(cell, str) and cell in self.names
         text = escaped(self.names[str(cell)]) if named else self._text(cell, self.decimals, escaped)
         # Concatenated, not formatted: in pages the parts are HTML already.
-        text += DAGGER if cell in self.regrouped.names else ""
+        text += DAGGER if any(cell in own for own in self._sums.values()) else ""
         body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
         return text if body is None or not owners else text + " of " + escaped(body)
 
@@ -344,9 +317,9 @@ def heading(name: str) -> str:
     return name
 
 
-def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, and counts remain counts."""
-    return tuple(named), tuple(zip(*(map(_cell, _alike(list(column))) for column in named.values()), strict=True))
+def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], list[tuple[Cell, ...]]]:
+    """Column names and rows of a `Table` from its columns; numbers beside others that are no counts are none either."""
+    return tuple(named), list(zip(*(_alike(list(column)) for column in named.values()), strict=True))
 
 
 def _alike(column: list[Cell]) -> list[Cell]:
@@ -355,7 +328,3 @@ def _alike(column: list[Cell]) -> list[Cell]:
     if all(map(is_whole, numbers)):
         return column
     return [cell if cell is None or isinstance(cell, str) else float(cell) for cell in column]
-
-
-def _cell(value: Cell) -> Cell:
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -2,8 +2,11 @@
 
 import re
 import textwrap
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
+from typing import TypeVar
+
+C = TypeVar("C")
 
 WIDTH = 120
 """Largest number of letters in a line."""
@@ -59,30 +62,21 @@ def _lines_of_sums(text: str, width: int) -> list[str]:
     return [line.replace(FILLER, " ") for line in _lines(joined, width)]
 
 
-@dataclass(frozen=True)
 class _Column:
-    """A column of cells below a head; numbers are right-aligned."""
+    """A column of cells below a head; numbers are right-aligned.
 
-    head: str
-    cells: Sequence[str]
-    numeric: bool
+    Attributes:
+        widest: Width of the cells without line breaks.
+        natural: Width without line breaks.
+        least: Smallest width, with line breaks in the head and in long cells.
+    """
 
-    @property
-    def natural(self) -> int:
-        """Width without line breaks."""
-        return max(len(self.head), self.widest)
-
-    @property
-    def widest(self) -> int:
-        """Width of the cells without line breaks."""
-        return max(map(len, self.cells), default=0)
-
-    @property
-    def least(self) -> int:
-        """Smallest width, with line breaks in the head and in long cells."""
-        words = max(map(len, self.head.split()), default=0)
-        cells = self.widest if self.numeric else min(self.widest, LONG)
-        return max(cells, words, min(len(self.head), NARROW))
+    def __init__(self, head: str, cells: Sequence[str], numeric: bool) -> None:
+        self.head, self.cells, self.numeric = head, cells, numeric
+        self.widest = max(map(len, cells), default=0)
+        self.natural = max(len(head), self.widest)
+        words = max(map(len, head.split()), default=0)
+        self.least = max(self.widest if numeric else min(self.widest, LONG), words, min(len(head), NARROW))
 
     def block(self, text: str, width: int) -> list[str]:
         """Lines of the head or of a cell; a number and the parameter after it stay together."""
@@ -103,7 +97,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seque
     if _total([column.natural for column in columns]) <= WIDTH:
         return _drawn(columns, [column.natural for column in columns])
     lines: list[str] = []
-    for part in _parts(columns):
+    for part in parts(columns, 1, lambda part: _total([each.least for each in part]) <= WIDTH):
         lines += [*[""] * bool(lines), *_drawn(part, _widths(part), skip=bool(lines))]
     return lines
 
@@ -112,14 +106,14 @@ def _total(widths: Sequence[int]) -> int:
     return sum(widths) + GAP * (len(widths) - 1)
 
 
-def _parts(columns: Sequence[_Column]) -> list[list[_Column]]:
-    """Sets of columns that fit, each beginning with the first column."""
-    parts = [[columns[0]]]
-    for column in columns[1:]:
-        if len(parts[-1]) > 1 and _total([each.least for each in (*parts[-1], column)]) > WIDTH:
-            parts.append([columns[0]])
-        parts[-1].append(column)
-    return parts
+def parts(columns: Sequence[C], keys: int, fits: Callable[[Sequence[C]], bool]) -> list[list[C]]:
+    """The columns, in as many sets as it takes for each to fit; all sets begin with the first `keys` columns."""
+    out = [list(columns[:keys])]
+    for column in columns[keys:]:
+        if len(out[-1]) > keys and not fits([*out[-1], column]):
+            out.append(list(columns[:keys]))
+        out[-1].append(column)
+    return out
 
 
 def _widths(columns: Sequence[_Column]) -> list[int]:
@@ -135,14 +129,13 @@ def _drawn(columns: Sequence[_Column], widths: Sequence[int], *, skip: bool = Fa
     """Lines of the heads, bottom-aligned, and of all rows, or with `skip` of those with more than a first cell."""
     heads = [column.block(column.head, width) for column, width in zip(columns, widths, strict=True)]
     highest = max(map(len, heads))
-    blocks = [[[" " * w] * (highest - len(head)) + head for head, w in zip(heads, widths, strict=True)]]
+    blocks = [[[""] * (highest - len(head)) + head for head in heads]]
     for row in zip(*(column.cells for column in columns), strict=True):
-        if skip and not any(row[1:]):
-            continue
-        blocks.append([c.block(cell, w) for c, cell, w in zip(columns, row, widths, strict=True)])
+        if any(row[1:]) or not skip:
+            blocks.append([c.block(cell, w) for c, cell, w in zip(columns, row, widths, strict=True)])
     lines = []
     for block in blocks:
-        for k in range(max(map(len, block))):
-            line = (cell[k] if k < len(cell) else " " * w for cell, w in zip(block, widths, strict=True))
+        for cells in zip_longest(*block, fillvalue=""):
+            line = (cell.ljust(w) for cell, w in zip(cells, widths, strict=True))
             lines.append((" " * GAP).join(line).rstrip())
     return lines

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from jinja2.filters import do_mark_safe
 
 from experiments.document import print_table, symbols
-from experiments.document.document import Document, Plot
+from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
 from experiments.document.symbols import pieces
-from experiments.document.tabular import Table
 from ident.files.atomic import replacing
 
 EMBEDDED = {"png": "image/png", "svg": "image/svg+xml"}
@@ -61,8 +60,9 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    filters = {"pieces": pieces, "options": _options, "indented": _indented, "digest": _digest, "form": format}
-    environment.filters |= filters
+    indented = partial(json.dumps, indent=1, ensure_ascii=False)
+    own = {"pieces": pieces, "options": _options, "indented": indented, "digest": _digest, "form": format}
+    environment.filters |= own
     return environment
 
 
@@ -89,11 +89,6 @@ def _options(text: str) -> str:
 def _digest(text: str) -> str:
     """Hash by which a page's content security policy names an allowed script or style."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _indented(content: Any) -> str:
-    """Indented JSON."""
-    return json.dumps(content, indent=1, ensure_ascii=False)
 
 
 PAGE = "report.html"
@@ -153,32 +148,26 @@ def written(document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, 
 
 
 def write_parts(document: Document, out: Output) -> None:
-    """Writes tables, figures with their data, and numbers into a folder."""
+    """Writes tables, figures with their data and for PDF the float that holds them, and numbers into a folder."""
+    texts = dict[str, str]()
     for name, table in document.tables.items():
-        _write_table(table, out.folder, name)
+        texts |= {
+            f"{name}.csv": table.csv(),
+            f"{name}.md": table.markdown(),
+            f"{name}.tex": print_table.tex(table, name),
+        }
     for name, plot in document.figures.items() if out.formats else ():
-        _write_figure(plot, out, name)
+        # Commands that draw nothing start without matplotlib.
+        from experiments.document import drawn_data, figures
+
+        figures.save(plot.figure, out.folder, name, out.formats)
+        texts[f"{name}.csv"] = drawn_data.csv_text(plot.figure)
+        if "pdf" in out.formats:
+            texts[f"{name}.tex"] = print_table.figure(name, plot.caption, float(plot.figure.get_figwidth()))
+    for name, content in texts.items():
+        (out.folder / name).write_text(content, encoding="utf-8")
     for name, numbers in document.numbers.items():
         write_json(out.folder / f"{name}.json", numbers)
-
-
-def _write_figure(plot: Plot, out: Output, name: str) -> None:
-    """Draws a figure and writes it in each format, its data, and for PDF the float that holds it."""
-    # Commands that draw nothing start without matplotlib.
-    from experiments.document import drawn_data, figures
-
-    figures.save(plot.figure, out.folder, name, out.formats)
-    (out.folder / f"{name}.csv").write_text(drawn_data.csv_text(plot.figure), encoding="utf-8")
-    if "pdf" in out.formats:
-        content = print_table.figure(name, plot.caption, float(plot.figure.get_figwidth()))
-        (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")
-
-
-def _write_table(table: Table, folder: Path, name: str) -> None:
-    """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
-    forms = {"csv": table.csv(), "md": table.markdown(), "tex": print_table.tex(table, name)}
-    for suffix, content in forms.items():
-        (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
 
 def write_page(document: Document, folder: Path, formats: Iterable[str]) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
+from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import empty_figure
 from experiments.document.writer import sentences
 from experiments.studies.marker_angles import Angles
 from ident.display.plots import Figure
@@ -34,19 +34,15 @@ FAR_OFF = 0.05
 def markers_table(postures: Postures) -> tabular.Table:
     """Distance of each marker from the fit, in frames that count, and the frames in which it is missing or outlying."""
     distances, outlying = postures.distances, postures.outlying
-    kept = np.where(outlying | np.isnan(distances), np.nan, distances)
+    there = [(x[np.isfinite(x)], x[np.isfinite(x) & ~out]) for x, out in zip(distances.T, outlying.T, strict=True)]
     columns: dict[str, Sequence[tabular.Cell]] = {
         "marker": postures.marked.labels,
-        "rms_mm": [MM * float(np.sqrt(np.mean(x**2))) if x.size else np.nan for x in map(_finite, kept.T)],
-        "largest_mm": [MM * float(x.max()) if x.size else np.nan for x in map(_finite, distances.T)],
+        "rms_mm": [MM * float(np.sqrt(np.mean(kept**2))) if kept.size else np.nan for _, kept in there],
+        "largest_mm": [MM * float(every.max()) if every.size else np.nan for every, _ in there],
         "missing_frames": np.isnan(distances).sum(axis=0).tolist(),
         "outlying_frames": outlying.sum(axis=0).tolist(),
     }
     return tabular.Table("Distances of the markers from the fit", *tabular.columns(**columns), decimals=2)
-
-
-def _finite(x: np.ndarray) -> np.ndarray:
-    return x[np.isfinite(x)]
 
 
 def joints_table(postures: Postures) -> tabular.Table:
@@ -57,15 +53,16 @@ def joints_table(postures: Postures) -> tabular.Table:
         j, there = int(model.dof_jntid[d]), postures.determined[:, k]
         slide = marked.dofs_of(j) == 6 and d - model.jnt_dofadr[j] < 3
         slide = slide or model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
-        scale = MM if slide else np.degrees(1.0)
-        values = (np.nan, np.nan)
-        if marked.dofs_of(j) == 1 and there.any():
+        scale, lowest, highest, std = MM if slide else np.degrees(1.0), np.nan, np.nan, np.nan
+        if there.any():
+            std = scale * float(np.sqrt((postures.std[there, k] ** 2).mean()))
+        if there.any() and marked.dofs_of(j) == 1:
             q = scale * postures.qpos[there, model.jnt_qposadr[j]]
-            values = float(q.min()), float(q.max())
-        std = scale * float(np.sqrt((postures.std[there, k] ** 2).mean())) if there.any() else np.nan
-        rows.append((name, "mm" if slide else "°", *values, std, int((~there).sum()), beyond_range(postures, j)))
+            lowest, highest = float(q.min()), float(q.max())
+        unit, undetermined = "mm" if slide else "°", int((~there).sum())
+        rows.append((name, unit, lowest, highest, std, undetermined, beyond_range(postures, j)))
     heads = ("coordinate", "unit", "lowest", "highest", "std", "frames_not_determined", "frames_beyond_range")
-    return tabular.Table("Coordinates", *tabular.columns(**dict(zip(heads, zip(*rows, strict=True), strict=True))))
+    return tabular.Table("Coordinates", heads, rows)
 
 
 def beyond_range(postures: Postures, j: int) -> int:
@@ -87,13 +84,9 @@ def beyond_range(postures: Postures, j: int) -> int:
 
 def scale_table(lengths: Scaling) -> tabular.Table:
     """Factors on the lengths of segments."""
-    columns = {
-        "bodies": [", ".join(group) for group in lengths.groups],
-        "factor": lengths.factors.tolist(),
-        "std": lengths.std.tolist(),
-    }
-    title = "Factors on the lengths of segments"
-    return tabular.Table(title, *tabular.columns(**columns), deviations={"factor": "std"})
+    bodies = [", ".join(group) for group in lengths.groups]
+    columns = tabular.columns(bodies=bodies, factor=lengths.factors.tolist(), std=lengths.std.tolist())
+    return tabular.Table("Factors on the lengths of segments", *columns, deviations={"factor": "std"})
 
 
 def residuals_figure(angles: Angles) -> Figure:

@@ -10,8 +10,8 @@ import numpy as np
 from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
 from experiments.document import pictures, symbols, tabular
 from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
 from ident.display.brief import listed
@@ -37,15 +37,17 @@ APART = 2.0
 
 def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabular.Table:
     """Verdict, doubts and residuals of every log, what it differs in, or the sentence with which it failed."""
+    counted = [len(each.predicted) + len(each.missed) for each in outcomes]
+    nan = float("nan")
     return tabular.Table(
         "Logs, each identified by itself",
         *tabular.columns(
             log=[each.log for each in outcomes],
             verdict=[Verdict(each.verdict).word if each.verdict else "failed" for each in outcomes],
-            predicted=["" if each.error else _predicted(each) for each in outcomes],
+            predicted=["" if x.error else f"{len(x.predicted)} of {k}" for x, k in zip(outcomes, counted, strict=True)],
             doubts=["; ".join(map(title_of, each.doubts)) for each in outcomes],
-            least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
-            largest_ratio=[max(each.ratios.values(), default=float("nan")) for each in outcomes],
+            least_ratio=[min(each.ratios.values(), default=nan) for each in outcomes],
+            largest_ratio=[max(each.ratios.values(), default=nan) for each in outcomes],
             differs_most_in=differs,
             cpu_s=[each.seconds for each in outcomes],
             results=[each.folder and f"{each.folder}/" for each in outcomes],
@@ -59,11 +61,6 @@ def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabula
         },
         decimals=2,
     )
-
-
-def _predicted(outcome: LogOutcome) -> str:
-    """Number of the channels that a log's estimate predicts, of those that count."""
-    return f"{len(outcome.predicted)} of {len(outcome.predicted) + len(outcome.missed)}"
 
 
 def parameters_table(outcomes: Sequence[LogOutcome], bodies: tuple[str, ...]) -> tabular.Table:
@@ -126,16 +123,16 @@ def picture(outcomes: Sequence[LogOutcome], agreed: LogAgreement) -> str:
 def differences(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> list[str]:
     """For each log, what it differs from the others in most, with z; empty for one that agrees."""
     most = np.abs(agreed.z).argmax(axis=1)
-    return [
-        f"{_range(agreed.names[k], outcomes, agreed.difference[row, [k]], agreed.z[row, [k]], bodies)}" * bool(differs)
-        for row, (k, differs) in enumerate(zip(most, agreed.differ, strict=True))
-    ]
+    each = enumerate(zip(most, agreed.differ, strict=True))
+    return [_most(outcomes, agreed, k, [row], bodies) if differs else "" for row, (k, differs) in each]
 
 
-def _range(name: str, outcomes: Sequence[LogOutcome], by: np.ndarray, z: np.ndarray, bodies: tuple[str, ...]) -> str:
-    """A parameter with the least and largest difference of logs, and their z."""
-    parts = [_span(by, "+.3g"), _span(z, "+.1f")]
-    return f"{with_bodies([name], bodies)} by {parts[0]} {outcomes[0].units[name]} (z {parts[1]})"
+def _most(
+    outcomes: Sequence[LogOutcome], agreed: LogAgreement, k: int, logs: Sequence[int], bodies: tuple[str, ...]
+) -> str:
+    """A parameter with the least and largest difference of some logs, and their z."""
+    by, z = _span(agreed.difference[logs, k], "+.3g"), _span(agreed.z[logs, k], "+.1f")
+    return f"{with_bodies([agreed.names[k]], bodies)} by {by} {outcomes[0].units[agreed.names[k]]} (z {z})"
 
 
 def _span(values: np.ndarray, form: str) -> str:
@@ -150,7 +147,7 @@ def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[
     most = with_bodies([agreed.names[k]], bodies)
     chi2 = ""
     if names:
-        most = _range(agreed.names[k], outcomes, agreed.difference[differ, k], agreed.z[differ, k], bodies)
+        most = _most(outcomes, agreed, int(k), np.flatnonzero(differ).tolist(), bodies)
         chi2 = _span(agreed.chi2[differ], ".0f")
     more = {"wide": wide, "names": names, "most": most, "chi2": chi2, "listed": listed}
     text = sentences("batch.txt", agreed=agreed, number=len(outcomes), **more)
@@ -176,26 +173,26 @@ def document(
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
     counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
-    count = f"{number_of(len(outcomes), 'log')}: {', '.join(counts)}, {len(failed)} failed."
+    logs = number_of(len(outcomes), "log")
+    count = f"{logs}: {', '.join(counts)}, {len(failed)} failed."
+    doubts = [("Logs differ", sentence)] * doubt
+    doubts += [(f"{x.log} failed", f"{x.log} failed: {x.error.removeprefix(f'{x.log}: ')}") for x in failed]
     outcome = "not" if doubt else "usable" if all(each.verdict == "usable" for each in outcomes) else "partly"
     headline = None if agreed is None else Headline("Differ" if doubt else "Agree", count, outcome)
-    differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
+    each_differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
+    differs = ["" if each.error else next(each_differs, "") for each in outcomes]
+    tables = {"table_logs": logs_table(outcomes, differs)}
+    if fitted:
+        tables["table_parameters"] = parameters_table(outcomes, bodies)
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
     return Document(
-        f"{model.name}, identified from each of {number_of(len(outcomes), 'log')}",
+        f"{model.name}, identified from each of {logs}",
         headline=headline,
         pictures=[] if agreed is None else [picture(outcomes, agreed)],
-        findings=[
-            *([Card("Logs differ", sentence, True)] if doubt else []),
-            *(
-                Card(f"{each.log} failed", f"{each.log} failed: {each.error.removeprefix(f'{each.log}: ')}", True)
-                for each in failed
-            ),
-        ],
+        findings=[Card(*each, True) for each in doubts],
         lines=[*([sentence] if sentence and not doubt else []), count],
         heading="The logs",
-        tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
-        | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),
+        tables=tables,
         figures={} if agreed is None else {"figure_logs": Plot(partial(chart, outcomes, agreed, bodies), caption)},
         numbers={
             "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
@@ -208,9 +205,6 @@ def _numbers(outcomes: Sequence[LogOutcome], agreed: LogAgreement | None) -> dic
     """Agreement of the logs for scripts."""
     if agreed is None:
         return None
-    each = zip(
-        agreed.differ.tolist(), agreed.chi2.tolist(), agreed.difference.tolist(), agreed.std.tolist(), strict=True
-    )
-    keys = ("differs", "chi2", "difference", "std")
-    logs = {outcome.log: dict(zip(keys, row, strict=True)) for outcome, row in zip(outcomes, each, strict=True)}
+    numbers = {"differs": agreed.differ, "chi2": agreed.chi2, "difference": agreed.difference, "std": agreed.std}
+    logs = {each.log: {key: x[k].tolist() for key, x in numbers.items()} for k, each in enumerate(outcomes)}
     return {"parameters": agreed.names, "spread": agreed.spread, "logs": logs}

@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
+from itertools import chain, compress, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import pictures, sheet, symbols, tabular
+from experiments.document import pictures, symbols, tabular
 from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document.figures import SHEET, paper_style
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import paper_style
-from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
+from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.document.writer import sentences
 from ident.display.brief import listed
@@ -37,25 +37,34 @@ LINEAR = 10.0
 def differences_table(difference: Difference) -> tabular.Table:
     """Parameters of both, and their difference, with its interval if the logs are independent."""
     first, second, comparison = difference.first, difference.second, difference.comparison
-    names, shared = difference.names, difference.shared
-    unknown = np.full(len(names), np.nan)
+    names, wide = difference.names, difference.std_setup
+    std = np.sqrt(np.diag(comparison.covariance))
     sums = [first.regrouping[name] for name in names]
-    intervals = "" if shared else "; ± 95 % intervals of the difference"
-    half = unknown if shared else INTERVAL * np.sqrt(np.diag(comparison.covariance))
+    (of_first, _, std_first), (of_second, _, std_second) = first.at(names), second.at(names)
+    # Logs that are not independent leave the difference without intervals.
+    known = np.nan if difference.shared else 1.0
     return tabular.Table(
-        f"Base parameters of {first.name} less those of {second.name}, SI units{intervals}",
+        f"Base parameters of {first.name} less those of {second.name}, SI units"
+        + "; ± 95 % intervals of the difference" * (not difference.shared),
         *tabular.columns(
             parameter=names,
-            first=first.at(names)[0],
-            second=second.at(names)[0],
+            first=of_first,
+            second=of_second,
             difference=comparison.difference,
-            interval_95=half,
-            interval_setup_95=unknown if shared else INTERVAL * difference.std_setup,
-            z=unknown if shared else comparison.z,
+            interval_95=known * INTERVAL * std,
+            interval_setup_95=known * INTERVAL * wide,
+            z=known * comparison.z,
             regrouping=sums,
         ),
-        digits=_digits(difference),
-        regrouped=Regrouped({"": sums}),
+        digits={
+            "first": of_numbers(std_first),
+            "second": of_numbers(std_second),
+            "difference": of_numbers(wide),
+            "z": [1] * len(names),
+            "interval_95": of_deviations(INTERVAL * std),
+            "interval_setup_95": of_deviations(INTERVAL * wide),
+        },
+        regrouped={"": sums},
         caption="Base parameters of two identifications and their difference",
         notes=(
             f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
@@ -65,48 +74,31 @@ def differences_table(difference: Difference) -> tabular.Table:
     )
 
 
-def _digits(difference: Difference) -> dict[str, Decimals]:
-    """Decimals by column: two digits of the standard deviations that include the set-up, and of the intervals."""
-    names, wide = difference.names, difference.std_setup
-    std = np.sqrt(np.diag(difference.comparison.covariance))
-    return {
-        "first": of_numbers(difference.first.at(names)[2]),
-        "second": of_numbers(difference.second.at(names)[2]),
-        "difference": of_numbers(wide),
-        "z": [1] * len(names),
-        "interval_95": of_deviations(INTERVAL * std),
-        "interval_setup_95": of_deviations(INTERVAL * wide),
-    }
-
-
 def prediction_table(results: Sequence[Result]) -> tabular.Table:
     """Residual over signal of each result on its own held-out part, by channel."""
-    channels = list(dict.fromkeys(channel for result in results for channel in result.estimate["held_out"]))
-    ratios = [
-        [result.estimate["held_out"].get(channel, {}).get("ratio", np.nan) for channel in channels]
-        for result in results
-    ]
-    columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
+    every = [result.estimate["held_out"] for result in results]
+    columns = {"channel": list(dict.fromkeys(channel for held in every for channel in held))}
+    for result, held in zip(results, every, strict=True):
+        columns[result.name] = [held.get(channel, {}).get("ratio", np.nan) for channel in columns["channel"]]
     part = "held-out" if all(result.estimate.get("part", "held-out") == "held-out" for result in results) else "judged"
     note = "Signals are as measured or filtered, as the estimator uses them: compare results of one estimator."
-    return tabular.Table(
-        f"Residual over signal of each result's {part} part", *tabular.columns(**columns), notes=(note,)
-    )
+    title = f"Residual over signal of each result's {part} part"
+    return tabular.Table(title, *tabular.columns(**columns), notes=(note,))
 
 
 def setup_table(results: Sequence[Result]) -> tabular.Table:
     """Set-up errors that each result reports."""
     setups = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
-    names = list(dict.fromkeys(name for each in setups for name in each))
-    rows = tuple((name, *(each.get(name, "as stated") for each in setups)) for name in names)
+    rows = [(name, *(each.get(name, "as stated") for each in setups)) for name in dict.fromkeys(chain(*setups))]
     return tabular.Table("Set-up", ("what", *(result.name for result in results)), rows)
 
 
 def settings_table(results: Sequence[Result]) -> tabular.Table:
     """Settings that differ between the results."""
-    keys = dict.fromkeys(key for result in results for key in result.settings)
-    rows = [(key, *(result.settings.get(key, "none") for result in results)) for key in keys]
-    kept = tuple((tabular.heading(key), *values) for key, *values in rows if len(set(values)) > 1)
+    settings = [result.settings for result in results]
+    keys = dict.fromkeys(chain(*settings))
+    rows = [(tabular.heading(key), *(each.get(key, "none") for each in settings)) for key in keys]
+    kept = [row for row in rows if len({*row[1:]}) > 1]
     return tabular.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
 
 
@@ -143,7 +135,7 @@ def figure(difference: Difference) -> Figure:
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = row_panels(sheet.SHEET, labels, "Difference in its standard deviations from noise")
+        drawn, panels = row_panels(SHEET, labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:
@@ -161,62 +153,54 @@ def figure(difference: Difference) -> Figure:
 def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document:
     """Each result compared with the first."""
     pairs = [Difference(compared[0], other) for other in compared[1:]]
-    ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
-    tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
-    tables["table_prediction"] = prediction_table(compared)
-    for name, table in (("table_setup", setup_table(compared)), ("table_settings", settings_table(compared))):
-        if table.rows:
-            tables[name] = table
-    drawn = {
-        f"figure_differences{end}": Plot(
-            partial(figure, pair), f"Base parameters of {pair.first.name} less those of {pair.second.name}."
-        )
-        for end, pair in zip(ends, pairs, strict=True)
-        if not pair.shared
-    }
-    agreements = {pair: f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair) for pair in pairs}
-    texts = map(wrapped, agreements.values())
+    tables, drawn = dict[str, tabular.Table](), dict[str, Plot]()
+    rows, texts = dict[str, np.ndarray](), dict[str, str]()
     labels = pictures.labels_of([pair.second.name for pair in pairs])
-    rows = {
-        f"{number}: {label}": pair.comparison.z / INTERVAL
-        for number, (label, pair) in enumerate(zip(labels, pairs, strict=True), start=2)
-        if not pair.shared
-    }
+    for number, (label, pair) in enumerate(zip(labels, pairs, strict=True), start=2):
+        end = f"_{number}" if len(pairs) > 1 else ""
+        tables[f"table_differences{end}"] = differences_table(pair)
+        texts[title(pair)] = f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair)
+        if not pair.shared:
+            caption = f"Base parameters of {pair.first.name} less those of {pair.second.name}."
+            drawn[f"figure_differences{end}"] = Plot(partial(figure, pair), caption)
+            rows[f"{number}: {label}"] = pair.comparison.z / INTERVAL
+    tables["table_prediction"] = prediction_table(compared)
+    others = {"table_setup": setup_table(compared), "table_settings": settings_table(compared)}
+    tables |= {name: table for name, table in others.items() if table.rows}
+    agree = [relation(pair) == "Agree" for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
         headline=headline(pairs),
         pictures=[pictures.coverage(rows, f"parameters less those of {compared[0].name}")] if rows else [],
-        findings=[Card(title(pair), text, True) for pair, text in agreements.items() if relation(pair) != "Agree"],
+        findings=[Card(*each, True) for each, same in zip(texts.items(), agree, strict=True) if not same],
         lines=[
-            *(text for pair, text in agreements.items() if relation(pair) == "Agree"),
+            *compress(texts.values(), agree),
             *(f"{each.name}: fitted to {listed(each.logs.values())}. {each.estimate['verdict']}" for each in compared),
         ],
         heading="What is compared",
         tables=tables,
         figures=drawn,
-        numbers={"comparison": numbers(pairs), "provenance": provenance},
-        screen="\n".join([*(table.text() for table in tables.values()), headline(pairs).line, *texts]),
+        numbers={"comparison": {"pairs": [*map(_numbers, pairs)]}, "provenance": provenance},
+        screen="\n".join(
+            [*(table.text() for table in tables.values()), headline(pairs).line, *map(wrapped, texts.values())]
+        ),
     )
 
 
-def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
-    """All numbers for scripts."""
+def _numbers(pair: Difference) -> dict[str, Any]:
+    """All numbers of two results for scripts."""
+    comparison, shared = pair.comparison, pair.shared
     return {
-        "pairs": [
-            {
-                "first": pair.first.name,
-                "second": pair.second.name,
-                "parameters": list(pair.names),
-                "difference": pair.comparison.difference.tolist(),
-                "shared_logs": pair.shared,
-                "std": None if pair.shared else np.sqrt(np.diag(pair.comparison.covariance)).tolist(),
-                "std_setup": None if pair.shared else pair.std_setup.tolist(),
-                "chi2": None if pair.shared else pair.comparison.chi2,
-                "p_value": None if pair.shared else pair.comparison.p_value,
-                "settings": {key: list(values) for key, values in pair.settings.items()},
-            }
-            for pair in pairs
-        ]
+        "first": pair.first.name,
+        "second": pair.second.name,
+        "parameters": list(pair.names),
+        "difference": comparison.difference.tolist(),
+        "shared_logs": shared,
+        "std": None if shared else np.sqrt(np.diag(comparison.covariance)).tolist(),
+        "std_setup": None if shared else pair.std_setup.tolist(),
+        "chi2": None if shared else comparison.chi2,
+        "p_value": None if shared else comparison.p_value,
+        "settings": {key: list(values) for key, values in pair.settings.items()},
     }
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from experiments.data.paper import RANDOM_START
 from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
-from experiments.document.styles import empty_figure
+from experiments.document.figures import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
-from experiments.studies.designed_excitation import Design, geometric_mean
+from experiments.studies.designed_excitation import Design
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
 from ident.judgement.wording import NAMED
@@ -31,7 +31,7 @@ PER = ("", "/s", "/s²")
 def table_quality(design: Design) -> tabular.Table:
     """All criteria before and after."""
     old, new = design.before.quality, design.after.quality
-    rows = tuple((name, old[name], new[name]) for name in old)
+    rows = [(name, old[name], new[name]) for name in old]
     names = {name: tabular.heading(name) for name in old} | {"log_det_information": "log det of the information"}
     return tabular.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4, names=names)
 
@@ -45,10 +45,11 @@ def table_deviations(design: Design) -> tabular.Table:
     std = {} if design.known is None else {"std_known": design.known}
     std |= {"std_before": design.before.std, "std_after": design.after.std}
     names = (*design.problem.names, "geometric mean")
-    means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
-    heads, rows = tabular.columns(parameter=names, **means)
+    with np.errstate(divide="ignore"):
+        means = {name: np.append(values, np.exp(np.log(values).mean())) for name, values in std.items()}
     digits = {name: of_deviations(values) for name, values in means.items()}
-    return tabular.Table(title, heads, rows, digits=digits, bodies=design.problem.mechanism.bodies)
+    columns = tabular.columns(parameter=names, **means)
+    return tabular.Table(title, *columns, digits=digits, bodies=design.problem.mechanism.bodies)
 
 
 def table_limits(design: Design) -> tabular.Table:
@@ -57,40 +58,36 @@ def table_limits(design: Design) -> tabular.Table:
     rows: list[tuple[tabular.Cell, ...]] = []
     for k, joint in enumerate(design.problem.joints):
         unit = design.problem.units[joint]
-        for bound, function, limit in (("lowest", np.min, limits.low), ("highest", np.max, limits.high)):
-            used = (float(function(motion.q[:, k])) for motion in both)
-            rows.append((joint, f"{bound} position, {unit}", *used, float(limit[k])))
+        used = {f"lowest position, {unit}": ([x.q[:, k].min() for x in both], limits.low)}
+        used |= {f"highest position, {unit}": ([x.q[:, k].max() for x in both], limits.high)}
         rates = zip(STATES[1:], PER[1:], (limits.velocity, limits.acceleration), strict=True)
         for order, (kind, per, largest) in enumerate(rates, start=1):
-            used = (float(abs(motion.states[order][:, k]).max()) for motion in both)
-            rows.append((joint, f"largest {kind}, {unit}{per}", *used, float(largest[k])))
-    return tabular.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
+            used[f"largest {kind}, {unit}{per}"] = [abs(x.states[order][:, k]).max() for x in both], largest
+        rows += [(joint, what, *map(float, (*own, limit[k]))) for what, (own, limit) in used.items()]
+    return tabular.Table("Limits", ("joint", "quantity", "before", "after", "limit"), rows)
 
 
 def figure(design: Design) -> Figure:
     """Position, velocity and acceleration of each moving joint, before and after, with their limits."""
-    limits, before, after = design.limits, design.before, design.after
-    bounds = (
-        (limits.low, limits.high),
-        (-limits.velocity, limits.velocity),
-        (-limits.acceleration, limits.acceleration),
-    )
-    first, last = (f"{each.quality['condition_number']:.3g}" for each in (before, after))
-    with empty_figure(0.6 + 1.05 * len(design.problem.joints), wide=True) as drawing:
-        axes = drawing.subplots(len(design.problem.joints), 3, sharex=True, squeeze=False)
+    limits, joints, time = design.limits, design.problem.joints, design.time
+    fastest = limits.velocity, limits.acceleration
+    bounds = ((limits.low, limits.high), *((-each, each) for each in fastest))
+    first, last = (f"{each.quality['condition_number']:.3g}" for each in (design.before, design.after))
+    with empty_figure(0.6 + 1.05 * len(joints), wide=True) as drawing:
+        axes = drawing.subplots(len(joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
             low, high = (float(bound[k]) for bound in bounds[column])
-            old, new = (each.motion.states[column][:, k] for each in (before, after))
+            old, new = (each.motion.states[column][:, k] for each in (design.before, design.after))
             # A longer motion before is drawn as long as the designed one.
-            old = old[: len(design.time)]
-            ax.plot(design.time, new, color="C0", lw=1.0, zorder=3, label=f"designed: condition number {last}")
-            ax.plot(design.time[: len(old)], old, color="0.6", label=f"before: {first}")
+            old = old[: len(time)]
+            ax.plot(time, new, color="C0", lw=1.0, zorder=3, label=f"designed: condition number {last}")
+            ax.plot(time[: len(old)], old, color="0.6", label=f"before: {first}")
             for limit in (low, high):
                 ax.axhline(limit, color="C1", lw=0.7, ls="--", label="limits")
             few_ticks(ax)
-            ax.set(xlim=(design.time[0], design.time[-1]), ylim=(1.08 * low - 0.08 * high, 1.08 * high - 0.08 * low))
-            unit = f"{design.problem.units[design.problem.joints[k]]}{PER[column]}"
-            label_above(ax, f"{symbols.label(design.problem.joints[k])}, {STATES[column]} ({unit})")
+            ax.set(xlim=(time[0], time[-1]), ylim=(1.08 * low - 0.08 * high, 1.08 * high - 0.08 * low))
+            unit = f"{design.problem.units[joints[k]]}{PER[column]}"
+            label_above(ax, f"{symbols.label(joints[k])}, {STATES[column]} ({unit})")
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
         add_legend(drawing)

@@ -1,6 +1,6 @@
 """Report on the study of a person: tables, a figure, key numbers, and the terminal's text."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,8 +10,8 @@ import numpy as np
 from experiments.data.simulated_person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
 from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.styles import empty_figure
 from experiments.reports import identify_page
 from ident.display.plots import Axes, Figure, few_decades
 from ident.geometry.inertia import com_from_parameters
@@ -64,8 +64,8 @@ def _segments(ax: Axes, study: PersonStudy) -> None:
 
 def growth(study: PersonStudy) -> np.ndarray:
     """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
-    number = len(study.activities)
-    deviations = np.array([study.after([study.seconds] * n + [0.0] * (number - n))[1] for n in range(number + 1)])
+    lengths = study.seconds * np.tri(len(study.activities) + 1, len(study.activities), -1)
+    deviations = np.array([study.after(own.tolist())[1] for own in lengths])
     logs = np.log(deviations / deviations[0])
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
@@ -85,9 +85,9 @@ def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Total seconds, and s.d. of the wrench of motions not recorded over the prior's, for each motion and all."""
-    lengths = np.array(SHARES) * study.seconds
-    kinds = {name: np.eye(len(study.activities))[k] for k, name in enumerate(study.activities)}
+    kinds = dict(zip(study.activities, np.eye(len(study.activities)), strict=True))
     kinds["all"] = np.ones(len(study.activities))
+    lengths = study.seconds * np.array(SHARES)
     return {
         name: (lengths * taken.sum(), np.array([study.predicted_deviation(list(length * taken)) for length in lengths]))
         for name, taken in kinds.items()
@@ -127,10 +127,11 @@ OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES)
 def table_segments(study: PersonStudy) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
     true = study.segments["true"]
-    rows: list[tuple[tabular.Cell, ...]] = []
-    for k, name in enumerate(study.true.bodies):
-        entries = 0, 1 + int(np.argmax(np.abs(true[k, 1:4]))), 4 + int(np.argmax(true[k, 4:7]))
-        rows.append((name, *(float(x[k, j]) for j in entries for x in study.segments.values())))
+    moments, inertias = 1 + np.abs(true[:, 1:4]).argmax(axis=1), 4 + true[:, 4:7].argmax(axis=1)
+    rows: list[tuple[tabular.Cell, ...]] = [
+        (name, *(float(x[k, j]) for j in (0, moments[k], inertias[k]) for x in study.segments.values()))
+        for k, name in enumerate(study.true.bodies)
+    ]
     heads, deviations = dict[str, str](), dict[str, str]()
     for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²")):
         for which in study.segments:
@@ -138,21 +139,22 @@ def table_segments(study: PersonStudy) -> tabular.Table:
             heads[f"{what}_{which}"] = f"{head}, {what.replace('_', ' ')} ({unit})"
         deviations[f"{what}_estimate"] = f"{what}_std"
     title = "Segments: mass, largest component of the first moment, and of the inertia about the joint"
-    return tabular.Table(title, ("segment", *heads), tuple(rows), deviations=deviations, heads=heads)
+    return tabular.Table(title, ("segment", *heads), rows, deviations=deviations, heads=heads)
 
 
 def table_prediction(study: PersonStudy) -> tabular.Table:
     """Errors of the wrench of motions that were not recorded."""
-    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in study.errors.items()]
+    rows = [[name, *errors.tolist()] for name, errors in study.errors.items()]
     title = "Errors of the wrench of motions that were not recorded, over its standard deviation"
-    return tabular.Table(title, ("candidate", *study.estimate.channels[:6]), tuple(rows), decimals=3)
+    return tabular.Table(title, ("candidate", *study.estimate.channels[:6]), rows)
 
 
 def table_coverage(persons: Sequence[Mapping[str, Any]]) -> tabular.Table:
     """Coverage of the intervals of determined combinations, for each person and for all together."""
-    rows: list[tuple[tabular.Cell, ...]] = []
-    for number, person in enumerate(persons, start=1):
-        rows.append((str(number), *_counted([person]), person["noise_of_angles"], person["times_better"]))
+    rows: list[tuple[tabular.Cell, ...]] = [
+        (str(number), *_counted([person]), person["noise_of_angles"], person["times_better"])
+        for number, person in enumerate(persons, start=1)
+    ]
     rows.append(("all", *_counted(persons), None, None))
     heads = {
         "determined": "determined",
@@ -165,20 +167,17 @@ def table_coverage(persons: Sequence[Mapping[str, Any]]) -> tabular.Table:
         "times_better": "times better than the prior, worst channel",
     }
     title = "Coverage of the intervals of determined combinations: each row another person, motion and noise"
-    return tabular.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
+    return tabular.Table(title, ("person", *heads), rows, decimals=2, heads=heads)
 
 
-def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
-    """Number of determined combinations, coverage of their 95 % intervals, and RMS z: with set-up, by noise alone."""
-    out: list[tabular.Cell] = []
+def _counted(persons: Sequence[Mapping[str, Any]]) -> Iterator[tabular.Cell]:
+    """Yields determined combinations, coverage of their 95 % intervals, RMS z: with set-up, by noise alone."""
     for kind in ("with_setup", "of_noise"):
         std, errors = (np.concatenate([person[kind][key] for person in persons]) for key in ("std", "z"))
         z = errors[std < MOVED]
-        out += [
-            len(z),
-            *(map(float, (np.mean(np.abs(z) < INTERVAL), np.sqrt(np.mean(z**2)))) if len(z) else (None,) * 2),
-        ]
-    return tuple(out)
+        yield len(z)
+        yield float(np.mean(np.abs(z) < INTERVAL)) if len(z) else None
+        yield float(np.sqrt(np.mean(z**2))) if len(z) else None
 
 
 def numbers(study: PersonStudy) -> dict[str, Any]:

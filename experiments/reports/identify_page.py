@@ -1,16 +1,18 @@
-"""Pictures, captions of figures and the replay of an identification's page."""
+"""Pictures, figures with their captions, and the replay of an identification."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from experiments.document import pictures
+from experiments.document import pictures, symbols
+from experiments.document.figures import SHEET, paper_style
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
-from experiments.document.sheet import SHEET
-from experiments.document.symbols import in_words, regrouped_in_words
+from ident.display import plots
+from ident.display.plots import Figure
 from ident.estimate import Estimate
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.noise import channel_unit, unit_of
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
@@ -39,10 +41,8 @@ def prediction(result: Estimate) -> Iterator[str]:
     panels = {}
     for word, channel in dict(worst=ranked[-1], best=ranked[0]).items():
         k, unit = result.channels.index(channel), channel_unit(channel, result.prepared.mechanism.tree)
-        panels[f"{word}: {channel.replace('_', ' ')}, {verdict.ratios[channel]:.2g} of the signal ({unit})"] = (
-            measured[:, k],
-            predicted[:, k],
-        )
+        title = f"{word}: {channel.replace('_', ' ')}, {verdict.ratios[channel]:.2g} of the signal ({unit})"
+        panels[title] = measured[:, k], predicted[:, k]
     yield pictures.curves(time, panels)
 
 
@@ -106,20 +106,14 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     """Text shown for a pressed coefficient: its meaning, value and interval."""
     name, arm, base = result.fit.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
-    own = unit_of(name) or ""
-    text = regrouped_in_words(base, k, arm) if k < base.rank else in_words(name, arm)
-    text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {own}".rstrip()
-    text += f", 95 % interval {value - INTERVAL * std:.4g} to {value + INTERVAL * std:.4g}"
+    text, body, model = symbols.in_words(name, arm), None, ""
     if k < base.rank:
-        text += f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
-    body = body_index(name) if k < base.rank else None
-    return {
-        "name": name,
-        "value": value,
-        "std": std,
-        "text": f"{text}.",
-        "body": None if body is None else arm.tree.inertial[body],
-    }
+        text = symbols.regrouped_in_words(base, k, arm)
+        model = f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
+        body = arm.tree.inertial[body_index(name) or 0]
+    text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {unit_of(name) or ''}".rstrip()
+    text += f", 95 % interval {value - INTERVAL * std:.4g} to {value + INTERVAL * std:.4g}{model}."
+    return {"name": name, "value": value, "std": std, "text": text, "body": body}
 
 
 def place(finding: Finding, result: Estimate) -> dict[str, Any]:
@@ -130,8 +124,9 @@ def place(finding: Finding, result: Estimate) -> dict[str, Any]:
     touched = [sensors[name].body for name in at.wrenches if name in sensors]
     bodies = [name for name in (*at.bodies, *(moved.get(joint) for joint in at.joints), *touched) if name in tree.names]
     span = at.span if at.log == 0 else None
-    kinds = {"body": at.bodies, "joint": at.joints, "wrench": at.wrenches, "channel": at.channels}
-    about = [_listed(kind, names) for kind, names in kinds.items() if any(names)]
+    kinds = {("body", "bodies"): at.bodies, ("joint", "joints"): at.joints}
+    kinds |= {("wrench", "wrenches"): at.wrenches, ("channel", "channels"): at.channels}
+    about = [f"{kind[len(names) > 1]} {', '.join(names)}" for kind, names in kinds.items() if any(names)]
     about += [f"{at.span[0]:.2f} s to {at.span[1]:.2f} s" + f" of log {at.log + 1}" * (at.log > 0)] if at.span else []
     return {
         "where": f"The finding is about {'; '.join(about)}." if about else "",
@@ -141,10 +136,36 @@ def place(finding: Finding, result: Estimate) -> dict[str, Any]:
     }
 
 
-def _listed(kind: str, names: Sequence[str]) -> str:
-    """Names after their kind, in the singular or plural."""
-    several = {"body": "bodies", "wrench": "wrenches"}.get(kind, f"{kind}s")
-    return f"{kind if len(names) == 1 else several} {', '.join(names)}"
+def held_out_figure(result: Estimate) -> Figure:
+    """Measured and predicted channels on the held-out part."""
+    held = result.held_out
+    with paper_style():
+        slow = held.interrupted(~held.moving, by=False)
+        return plots.fit_figure(SHEET, _labels(result), held.curves, slow)
+
+
+def parameters_figure(result: Estimate) -> Figure:
+    """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
+    bodies, model = result.prepared.mechanism.bodies, result.fit.equations.from_model[: result.base.rank]
+    names = [symbols.named_symbol(name, bodies) for name in result.base.names]
+    with paper_style():
+        return plots.parameters_figure(SHEET, names, result.psi, INTERVAL * result.std_setup, model)
+
+
+def spectra_figure(result: Estimate) -> Figure:
+    """Spectra of the measured channels and of their residuals on the held-out part, up to three times the cut-off."""
+    held, cutoff, rate = result.held_out, result.prepared.cutoff, result.prepared.recording.rate
+    highest = np.inf if cutoff is None else 3 * cutoff
+    with paper_style():
+        pair = (held.samples.measured, held.residual)
+        return plots.spectra_figure(SHEET, _labels(result, "/√Hz"), rate, pair, highest)
+
+
+def _labels(result: Estimate, per: str = "") -> list[str]:
+    """Symbols or joints of the channels, and their units, divided by `per`."""
+    units = {name: channel_unit(name, result.prepared.mechanism.tree) for name in result.channels}
+    shown = {name: f"${name[0]}_{name[1]}$" if name in COMPONENTS else symbols.label(name) for name in units}
+    return [f"{shown[name]} ({unit}{per})" for name, unit in units.items()]
 
 
 def held_out_caption(result: Estimate) -> str:

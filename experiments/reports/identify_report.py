@@ -12,10 +12,9 @@ import numpy as np
 from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
+from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
-from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
-from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
+from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
@@ -55,26 +54,31 @@ OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", r
 
 def parameters_table(result: Estimate) -> tabular.Table:
     """Base parameters with their uncertainty beside the model's own."""
-    base, fit = result.base, result.fit
-    model = [x if abs(x) > NOTHING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
-    priors = [*model[: base.rank], *(x or None for x in model[base.rank :])]
-    priors += [None] * (len(result.fit.names) - len(priors))
-    regroupings = [*base.expressions(digits=4), *[""] * (len(result.fit.names) - base.rank)]
-    lagging, footnote = _of_servos(result)
+    base, fit, log = result.base, result.fit, result.prepared
+    others = [None] * (len(fit.names) - base.rank)
     wider = np.sqrt(np.diag(result.covariance_setup))
+    model = [x if abs(x) > NOTHING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
+    priors: list[float | None] = [*model[: base.rank], *(x or None for x in model[base.rank :])]
+    priors += [None] * (len(fit.names) - len(priors))
+    # As many decimals as the estimate has, or more to show two digits of small ones.
+    sizes = of_numbers(None if x is None else abs(x) for x in priors)
+    of_model = [
+        max((each for each in pair if each is not None), default=None)
+        for pair in zip(of_numbers(wider), sizes, strict=True)
+    ]
+    lagging, footnote = _of_servos(result)
     far = abs(fit.values) > FAR * wider
     columns = {
-        "parameter": result.fit.names,
+        "parameter": fit.names,
         "estimate": fit.values.tolist(),
         "std": fit.std.tolist(),
         "std_setup": wider.tolist(),
         "relative": np.divide(100 * wider, abs(fit.values), where=far, out=np.full(len(wider), np.nan)),
         "model": priors,
-        "regrouping": regroupings,
+        "regrouping": [*base.expressions(digits=4), *("" for _ in others)],
     }
     if result.trajectory is not None and result.trajectory.known:
-        moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.fit.names) - base.rank)]
-        columns |= {"moved_from_model_std": moved}
+        columns |= {"moved_from_model_std": [*result.moved_from_prior.tolist(), *others]}
     table = tabular.Table(
         "Base parameters, SI units",
         *tabular.columns(**columns),
@@ -85,13 +89,13 @@ def parameters_table(result: Estimate) -> tabular.Table:
         ),
         deviations={"estimate": "std_setup"},
         heads={"relative": "relative (%)"},
-        digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider), "relative": [1] * len(wider)},
+        digits={"std": of_deviations(fit.std), "model": of_model, "relative": [1] * len(wider)},
         marked=lagging,
         footnote=footnote,
-        regrouped=Regrouped({"": base.expressions(digits=4)}),
-        bodies=result.prepared.mechanism.bodies,
-        units=_units(result),
-        carriers=carried(result),
+        regrouped={"": base.expressions(digits=4)},
+        bodies=log.mechanism.bodies,
+        units=tuple(coefficient_unit(name, log.mechanism.tree) for name in fit.names),
+        carriers=page.carried(result),
     )
     return table.without(result.undetermined, result.undetermined_sentence)
 
@@ -99,59 +103,43 @@ def parameters_table(result: Estimate) -> tabular.Table:
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
     """Names of the viscous friction of commanded joints, and a note on it; both empty without commands."""
     viscous = {f"{DRIVE['viscous']}({joint})" for joint in result.prepared.recording.servos}
-    names, joint = frozenset(viscous.intersection(result.fit.equations.drives)), result.trajectory
-    has_lag = joint is not None and any(each.kind == "lag" for each in joint.setup.values())
+    names, setup = frozenset(viscous.intersection(result.fit.equations.drives)), result.trajectory
+    has_lag = setup is not None and any(each.kind == "lag" for each in setup.setup.values())
     means = "only the s.d. setup includes it" if has_lag else "no s.d. here includes it"
     note = f"Viscous friction of a commanded joint is the lag of its servo, ΔFv = kp Δlag: {means}."
     return names, note if names else ""
-
-
-def _of_model(values: Sequence[float | None], std: np.ndarray) -> Decimals:
-    """Decimals of the model's parameters: those of the estimates, or more to show two digits of small ones."""
-    pairs = zip(of_numbers(std), of_numbers(map(_size, values)), strict=True)
-    return tuple(max((each for each in pair if each is not None), default=None) for pair in pairs)
-
-
-def _size(value: float | None) -> float | None:
-    """Absolute value of a number."""
-    return None if value is None else abs(value)
-
-
-def _units(result: Estimate) -> tuple[str, ...]:
-    """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
-    return tuple(coefficient_unit(name, result.prepared.mechanism.tree) for name in result.fit.names)
 
 
 def quality_table(result: Estimate) -> tabular.Table:
     """Prediction errors of each channel on the held-out part, where joints that rub move, and where they rest."""
     held, tree, nan = result.held_out, result.prepared.mechanism.tree, np.full(len(result.channels), np.nan)
     rivals = [held.rivals.get(name) for name in ("model", "least squares")]
-    moving = (
-        *(held.signal, held.rms, held.ratio, held.relative_rms),
-        *(nan if x is None else held.ratio_of(x) for x in rivals),
-        *(held.ratio_with(result.psi_updated), result.correlation),
-    )
     own, *others = (nan if x is None else held.ratio_at_rest(x) for x in (held.residual, *rivals))
-    resting = held.signal, own * held.signal, own, nan, *others, nan, nan
-    rows, units = list[tuple[tabular.Cell, ...]](), list[str]()
+    columns = {
+        "signal_std": (held.signal, held.signal),
+        "residual_rms": (held.rms, own * held.signal),
+        "ratio": (held.ratio, own),
+        "relative_rms": (held.relative_rms, nan),
+        "ratio_model_as_it_came": (nan if rivals[0] is None else held.ratio_of(rivals[0]), others[0]),
+        "ratio_least_squares": (nan if rivals[1] is None else held.ratio_of(rivals[1]), others[1]),
+        "ratio_updated_model": (held.ratio_with(result.psi_updated), nan),
+        "correlation_s": (result.correlation, nan),
+    }
     notes = dict.fromkeys(result.unexplained, "not explained by this motion")
     notes |= {channel: f"not counted: {IDLE[why]}" for channel, why in result.verdict().idle.items()}
+    rows, units = list[tuple[tabular.Cell, ...]](), list[str]()
     for k, channel in enumerate(result.channels):
-        note = notes.get(channel, "")
-        lines = [(channel, moving, note)]
+        moving, resting = zip(*((float(a[k]), float(b[k])) for a, b in columns.values()), strict=True)
+        rows.append((channel, *moving, notes.get(channel, "")))
         if np.isfinite(own[k]):
-            lines.append((f"{channel}, at rest", resting, "not judged: friction is anything up to breakaway"))
-        rows += [
-            (name, *(None if np.isnan(x[k]) else float(x[k]) for x in numbers), note) for name, numbers, note in lines
-        ]
-        units += [channel_unit(channel, tree)] * len(lines)
-    ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
-    columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
+            rows.append((f"{channel}, at rest", *resting, "not judged: friction is anything up to breakaway"))
+        units += [channel_unit(channel, tree)] * (len(rows) - len(units))
     heads = {
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return tabular.Table(f"Prediction of the {held.part} part", columns, tuple(rows), units=tuple(units), heads=heads)
+    title, names = f"Prediction of the {held.part} part", ("channel", *columns, "note")
+    return tabular.Table(title, names, rows, units=tuple(units), heads=heads)
 
 
 def full_table(result: Estimate) -> tabular.Table:
@@ -280,12 +268,12 @@ def document(
         geometry: True to displace joints of the updated model, too.
     """
     updated, bodies = updated_file(result.prepared.mechanism), result.prepared.mechanism.bodies
-    recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
+    recordings = ", ".join(map(name_of, logs)) or number_of(len(result.logs), "recording")
     made = Document(
         f"{model.name if model else 'A mechanism'}, identified from {recordings}",
         headline=Headline.of(result.verdict()),
         verdict=str(result.verdict()),
-        pictures=[*first_screen(result)],
+        pictures=[*page.first_screen(result)],
         findings=[*map(Card.of, result.findings)],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
@@ -298,12 +286,12 @@ def document(
             **({} if following is None else {"table_following": following_table(following)}),
         },
         figures={
-            "figure_held_out": Plot(partial(held_out_figure, result), held_out_caption(result)),
-            "figure_spectra": Plot(partial(spectra_figure, result), SPECTRA),
-            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
+            "figure_held_out": Plot(partial(page.held_out_figure, result), page.held_out_caption(result)),
+            "figure_spectra": Plot(partial(page.spectra_figure, result), SPECTRA),
+            "figure_parameters": Plot(partial(page.parameters_figure, result), page.parameters_caption(result)),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
-        replay=replay(result),
+        replay=page.replay(result),
         files={updated: partial(_write_updated, result, geometry)} if updated else {},
     )
     return replace(made, screen=screen(made, result), verbose=verbose(made, result))
@@ -311,19 +299,17 @@ def document(
 
 def scales_table(result: Estimate) -> tabular.Table:
     """Estimated scales of joint torques, and the gains of servos that follow."""
-    none = Servo(np.nan, np.nan)
-    stated, found = (
-        {k: each.get(k, none) for k in result.scales} for each in (result.prepared.recording.servos, result.servos)
-    )
+    none, stated = Servo(np.nan, np.nan), result.prepared.recording.servos
+    scale, std = zip(*result.scales.values(), strict=True)
     return tabular.Table(
         "Scales of joint torques, true over stated",
         *tabular.columns(
             joint=tuple(result.scales),
-            scale=[scale for scale, _ in result.scales.values()],
-            std=[std for _, std in result.scales.values()],
-            kp_stated=[each.kp for each in stated.values()],
-            kp=[each.kp for each in found.values()],
-            kv=[each.kv for each in found.values()],
+            scale=scale,
+            std=std,
+            kp_stated=[stated.get(joint, none).kp for joint in result.scales],
+            kp=[result.servos.get(joint, none).kp for joint in result.scales],
+            kv=[result.servos.get(joint, none).kv for joint in result.scales],
         ),
         deviations={"scale": "std"},
         caption="Estimated scales of joint torques, with the gains of servos in SI units",
@@ -369,15 +355,12 @@ def updated_file(mechanism: Mechanism) -> str | None:
 
 def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
     """Line on the fitted drives that the updated model's format cannot hold."""
-    kinds = {"model.urdf": ("rotor", "spring", "stribeck"), "model.osim": tuple(DRIVE)}.get(
-        updated or "", ("stribeck",)
-    )
-    columns = tuple(f"{DRIVE[kind]}(" for kind in kinds) if updated else ()
+    if not updated:
+        return []
+    kinds = {"model.urdf": ("rotor", "spring", "stribeck"), "model.osim": DRIVE}.get(updated, ("stribeck",))
+    columns = tuple(f"{DRIVE[kind]}(" for kind in kinds)
     # No file has friction or rotors of motors that move several joints.
-    motors = result.fit.equations.axes.motors if updated else ()
-    names = [
-        name
-        for name in (*result.fit.equations.drives, *result.consistent().rotors)
-        if name.startswith(columns) or column_place(name)[1] in motors
-    ]
+    motors = result.fit.equations.axes.motors
+    fitted = (*result.fit.equations.drives, *result.consistent().rotors)
+    names = [name for name in fitted if name.startswith(columns) or column_place(name)[1] in motors]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []

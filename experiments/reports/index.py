@@ -41,7 +41,7 @@ def printed(table: Table) -> Table:
     heads |= {ours: f"{words[ours].removesuffix(', scene')}, ours" for ours in pairs.values()}
     columns = (table.columns[0], *(name for pair in pairs.items() for name in pair))
     kept = [table.columns.index(name) for name in columns]
-    rows = tuple(tuple(row[k] for k in kept) for row in table.rows)
+    rows = [[row[k] for k in kept] for row in table.rows]
     digits = {each: table.digits[pair[0]] for pair in pairs.items() if pair[0] in table.digits for each in pair}
     shown = replace(table, title=table.caption, columns=columns, rows=rows, heads=heads, notes=())
     return replace(shown, digits=digits, deviations={})
@@ -55,7 +55,7 @@ def compared(table: Table) -> Table:
     """A table with the deviations of its columns from the paper's."""
     names = [name for name in table.columns if f"paper_{name}" in table.columns]
     pairs = [(table.columns.index(name), table.columns.index(f"paper_{name}")) for name in names]
-    rows = tuple((*row, *(_difference(row[ours], row[printed]) for ours, printed in pairs)) for row in table.rows)
+    rows = [(*row, *(_difference(row[ours], row[printed]) for ours, printed in pairs)) for row in table.rows]
     deviations = {name: name.replace("error", "deviation") for name in names}
     printed = {name: f"paper_{name}" for name in names}
     digits = {deviations[name]: table.digits[each] for name, each in printed.items() if each in table.digits}

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.data import paper
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
-from experiments.document.styles import empty_figure
+from experiments.document.figures import empty_figure
 from experiments.studies.pendulum_drawn import Drawing
 from ident.display.plots import Axes, Figure
 from ident.mechanism.tree import Tree
@@ -29,14 +29,11 @@ def table_2(tree: Tree, base: np.ndarray) -> tabular.Table:
     rows = []
     for i, (body, T) in enumerate(zip(tree.bodies, home, strict=True), start=1):
         turned = "1" if np.allclose(T[:3, :3], np.eye(3)) else _numbers(T[:3, :3].ravel())
-        cells = (turned, _numbers(T[:3, 3] + base), _numbers(body.twist[:3]), _numbers(body.twist[3:]))
-        rows.append((f"{body.name}, i = {i}", *cells))
-    return tabular.Table(
-        "Geometric model of the double pendulum",
-        ("frame", "initial rotation", "initial position", "twist v", "twist omega"),
-        tuple(rows),
-        heads={"initial position": "initial position (m)", "twist v": "twist v (m)", "twist omega": "twist ω"},
-    )
+        cells = map(_numbers, (T[:3, 3] + base, body.twist[:3], body.twist[3:]))
+        rows.append((f"{body.name}, i = {i}", turned, *cells))
+    columns = ("frame", "initial rotation", "initial position", "twist v", "twist omega")
+    heads = {"initial position": "initial position (m)", "twist v": "twist v (m)", "twist omega": "twist ω"}
+    return tabular.Table("Geometric model of the double pendulum", columns, rows, heads=heads)
 
 
 def _numbers(values: np.ndarray) -> str:
@@ -53,13 +50,8 @@ def figure_1(drawing: Drawing) -> Figure:
             ax.set(xlabel="To the right (m)", ylabel="Upwards (m)")
             ax.set_axis_off()
         _label_mechanism(left, drawing)
-        labels = (
-            ("world", (26, -8)),
-            ("$g_1$, base", (-52, -8)),
-            ("$g_2$, link 1", (20, 14)),
-            ("$g_3$, link 2", (16, 8)),
-        )
-        for T, (label, shift) in zip([np.eye(4), *drawing.poses], labels, strict=True):
+        labels = {"world": (26, -8), "$g_1$, base": (-52, -8), "$g_2$, link 1": (20, 14), "$g_3$, link 2": (16, 8)}
+        for T, (label, shift) in zip([np.eye(4), *drawing.poses], labels.items(), strict=True):
             _frame(right, T)
             _note(right, T[:3, 3], label, shift)
     return figure

@@ -11,8 +11,8 @@ from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
-from experiments.document.styles import empty_figure
-from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
+from experiments.document.figures import empty_figure
+from experiments.document.tabular import as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
@@ -40,17 +40,16 @@ def table(
         bodies: Names of the bodies of the parameters.
         sums: Sums that the parameters stand for.
     """
+    name, trials, std = model.removesuffix(TRAJECTORY), len(distribution.errors), distribution.std
     low, high = distribution.interval
-    joint, name = f"trajectory estimate ({ESTIMATORS['trajectory']})", model.removesuffix(TRAJECTORY)
-    whose = f"{name} model" + (f"'s {joint}" if model.endswith(TRAJECTORY) else "")
     of_model = f"{name} model's trajectory estimate" if name != model else f"{name} model"
-    caption = f"Errors of the {of_model} over {len(distribution.errors)} trials"
+    whose = f"{of_model} ({ESTIMATORS['trajectory']})" if name != model else of_model
     return tabular.Table(
-        f"Errors of the {whose} over {len(distribution.errors)} trials, kg, kg m and kg m²",
+        f"Errors of the {whose} over {trials} trials, kg, kg m and kg m²",
         *tabular.columns(
             parameter=distribution.names,
             mean_error=distribution.mean,
-            std=distribution.std,
+            std=std,
             low_95=low,
             high_95=high,
             predicted_std=distribution.predicted_std,
@@ -58,20 +57,18 @@ def table(
             paper_error=distribution.published,
             paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in distribution.percentile.T],
         ),
-        digits=_digits(distribution),
+        # The paper's errors are as printed.
+        digits={
+            **dict.fromkeys(("low_95", "high_95"), of_numbers(std)),
+            "predicted_std": of_deviations(distribution.predicted_std),
+            "paper_error": [as_stated(distribution.published)] * len(std),
+        },
         deviations={"mean_error": "std"},
-        regrouped=Regrouped({"": sums}),
-        caption=caption,
+        regrouped={"": sums},
+        caption=f"Errors of the {of_model} over {trials} trials",
         notes=("Paper's percentile: where the paper's single run lies among the trials.",) * _beside(distribution),
         bodies=bodies,
     )
-
-
-def _digits(distribution: Distribution) -> dict[str, Decimals]:
-    """Decimals of columns that have no standard deviations beside them; the paper's errors are as printed."""
-    std, predicted, published = distribution.std, distribution.predicted_std, distribution.published
-    digits = {**dict.fromkeys(("low_95", "high_95"), of_numbers(std)), "predicted_std": of_deviations(predicted)}
-    return digits | {"paper_error": (as_stated(published),) * len(published)}
 
 
 def _beside(distribution: Distribution) -> bool:
@@ -128,35 +125,25 @@ def document(
         redrawn: One of `REDRAWN`.
         provenance: Provenance of the trials.
     """
+    trials, bodies = study.file.trials, study.known.bodies
     remark = "Predicted intervals do not include errors of the recovered axes." if study.recovers else ""
-    bodies = study.known.bodies
     paper = " and the paper's single run" if any(map(_beside, distributions.values())) else ""
     caption = (
         f"Errors over {max(len(d.errors) for d in distributions.values())} trials beside the predicted "
-        f"interval{paper}. Drawn anew: {REDRAWN[redrawn]}."
+        f"interval{paper}. Drawn anew: {REDRAWN[redrawn]}.{remark and f' {remark}'}"
     )
-    caption += remark and f" {remark}"
-    caption += "".join(
-        f" Joint: {ESTIMATORS['trajectory']}; over the first {len(d.errors)} trials."
-        for model, d in distributions.items()
-        if model.endswith(TRAJECTORY)
-    )
-    tables = {
-        f"monte_carlo_{name}": table(name, d, bodies, study_report.sums(study, _model(study, name)))
-        for name, d in distributions.items()
-    }
+    tables = {}
+    for name, d in distributions.items():
+        model = trials.get(name) or trials[name.removesuffix(TRAJECTORY)]
+        tables[f"monte_carlo_{name}"] = table(name, d, bodies, study_report.sums(study, model))
+        if name.endswith(TRAJECTORY):
+            caption += f" Joint: {ESTIMATORS['trajectory']}; over the first {len(d.errors)} trials."
     return Document(
         tables=tables,
         figures={"figure_monte_carlo": Plot(partial(chart, distributions, bodies), caption)},
         numbers={"monte_carlo": _numbers(distributions) | {"provenance": provenance}},
         screen="\n".join([*_texts(distributions, tables), f"{MEANING}{remark}\n"]),
     )
-
-
-def _model(study: SimulatedStudy, name: str) -> str:
-    """Model of a study whose trials have a name."""
-    trials = study.file.trials
-    return trials[name] if name in trials else trials[name.removesuffix(TRAJECTORY)]
 
 
 def _texts(distributions: Mapping[str, Distribution], tables: Mapping[str, tabular.Table]) -> Iterator[str]:
@@ -198,15 +185,12 @@ CHARTED = ("condition_number", "largest_error", "axis_error_deg", "contact_peak_
 
 def sweep_table(sweep: Swept, names: Sequence[str]) -> tabular.Table:
     """Means and standard deviations over the seeds, a row for each number and value."""
-    rows = [
-        (name, str(value), *_statistics(column))
-        for name in names
-        for value, column in zip(sweep.values, sweep.numbers(name).T, strict=True)
-    ]
+    each = [(name, *pair) for name in names for pair in zip(sweep.values, sweep.numbers(name).T, strict=True)]
+    rows = [(name, str(value), *_statistics(column)) for name, value, column in each]
     columns = ("number", sweep.option, "runs", "mean", "std")
     title = f"Numbers over {tabular.heading(sweep.option)}, their means and standard deviations over the seeds"
     words = {name: tabular.heading(name) for name in names}
-    return tabular.Table(title, columns, tuple(rows), decimals=4, deviations={"mean": "std"}, names=words)
+    return tabular.Table(title, columns, rows, decimals=4, deviations={"mean": "std"}, names=words)
 
 
 def sweep_chart(sweep: Swept, titles: Mapping[str, str]) -> Figure:

@@ -13,10 +13,10 @@ from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.document.writer import environment
 from experiments.reports import identify_page, identify_report
-from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length
 from ident.geometry.inertia import symmetric
+from ident.judgement.wording import number_of
 from ident.payload.identified_payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
 from ident.recordings.several_clocks import name_of
 from sim.models.model_update import write_model
@@ -83,17 +83,19 @@ class PayloadReport:
         parameters = [each for each in self.payload.sensor_parameters if every or each.taken_out]
         name, value, std, taken, _ = zip(*parameters, strict=True)
         words = ["taken out" if each else "taken as stated" for each in taken]
-        columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
-        units = tuple(map(_sensor_unit, parameters))
-        names = {each.name: _in_words(each) for each in parameters}
-        deviations = {"estimate": "std"}
-        return tabular.Table("The sensor", *tabular.columns(**columns), deviations=deviations, units=units, names=names)
+        return tabular.Table(
+            "The sensor",
+            *tabular.columns(parameter=name, estimate=value, std=std, note=words),
+            deviations={"estimate": "std"},
+            units=tuple(map(_sensor_unit, parameters)),
+            names={each.name: _in_words(each) for each in parameters},
+        )
 
     def lines(self) -> list[str]:
         """Lines on the logs, the payload's bodies and the sensor's place."""
         result, payload = self.payload.estimate, self.payload
         return [
-            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {length(result.logs)} samples fitted, "
+            f"{number_of(len(result.logs), 'log')}, {length(result.logs)} samples fitted, "
             f"{len(result.held_out.time)} predicted; condition number {result.condition_number:.3g}.",
             payload.carried,
             *payload.notes,
@@ -136,13 +138,17 @@ class PayloadReport:
             logs: The logs.
             provenance: Provenance of the results.
         """
-        payload = self.payload
+        payload, robot = self.payload, self.payload.robot
         files: dict[str, Callable[[Path], object]] = {
             "payload.txt": lambda path: path.write_text(self.forms_text(), encoding="utf-8")
         }
-        if model is not None and payload.robot.prior is not None:
+        if model is not None and robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
-            files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
+            files[updated] = lambda path: write_model(path, robot, payload.phi_of_robot())
+        tables = {"table_payload": self.table(), "table_flange": self.flange_table()}
+        if payload.sensor_parameters:
+            tables["table_sensor"] = self.sensor_table()
+        tables["table_held_out"] = identify_report.quality_table(payload.estimate)
         caption = f"Measured and predicted channels on the {payload.estimate.held_out.part} part."
         cards = [*map(Card.of, payload.findings)]
         return Document(
@@ -153,13 +159,8 @@ class PayloadReport:
             findings=cards,
             lines=self.lines(),
             heading="The recording",
-            tables={
-                "table_payload": self.table(),
-                "table_flange": self.flange_table(),
-                **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
-                "table_held_out": identify_report.quality_table(payload.estimate),
-            },
-            figures={"figure_held_out": Plot(partial(held_out_figure, payload.estimate), caption)},
+            tables=tables,
+            figures={"figure_held_out": Plot(partial(identify_page.held_out_figure, payload.estimate), caption)},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,
@@ -170,10 +171,10 @@ class PayloadReport:
 
 def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = False) -> tabular.Table:
     """Estimates and 95 % intervals, without `brief` also standard deviations, and more columns."""
-    std = body.std_setup
-    deviations = {} if brief else {"std": body.std.tolist(), "std_setup": std.tolist()}
-    ends = dict(zip(("from_95", "to_95"), body.intervals.T.tolist(), strict=True))
-    estimate = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
-    digits = dict.fromkeys(("estimate", *ends), of_numbers(std)) | {"std": of_deviations(body.std)}
-    digits["std_setup"] = of_deviations(std)
-    return tabular.Table(title, *tabular.columns(**estimate, **deviations, **ends, **more), decimals=6, digits=digits)
+    of_estimate = of_numbers(body.std_setup)
+    columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
+    columns |= {} if brief else {"std": body.std.tolist(), "std_setup": body.std_setup.tolist()}
+    columns |= dict(zip(("from_95", "to_95"), body.intervals.T.tolist(), strict=True))
+    digits = dict.fromkeys(("estimate", "from_95", "to_95"), of_estimate)
+    digits |= {"std": of_deviations(body.std), "std_setup": of_deviations(body.std_setup)}
+    return tabular.Table(title, *tabular.columns(**columns, **more), decimals=6, digits=digits)

@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 
 from experiments.data.simulated_study import SimulatedStudy, wrench_error
 from experiments.document import figures
-from experiments.document.sheet import INKS
+from experiments.document.figures import INKS
 from ident.display.plots import Figure
 
 TRUE_WIDTH = 1.6
@@ -29,22 +30,32 @@ LOWEST = 0.001
 
 def figure(study: SimulatedStudy, name: str) -> Figure:
     """A figure of the study by file name."""
-    entry = study.file.figures[name]
+    entry, x, label = study.file.figures[name], study.recording.time, "Time (s)"
+    more: dict[str, Any] = {}
     if entry.kind == "contacts":
-        return contacts(study)
-    kinds = {"wrenches": wrenches, "wrench errors": wrench_errors, "residuals": residuals}
-    return kinds[entry.kind](study, entry.curves)
+        drawn = contacts(study)
+    elif entry.kind == "wrenches":
+        drawn = wrenches(study, entry.curves)
+    elif entry.kind == "residuals":
+        drawn, more = residuals(study, entry.curves), {"symbol": r"\Delta {}"}
+    else:
+        drawn, x, label = wrench_errors(study, entry.curves), np.arange(1, len(x) + 1), "Sample"
+        more = {"symbol": r"|\Delta {}|", "lowest": LOWEST}
+    return figures.wrench_panels(x, drawn, label, shaded=episodes(study), **more)
 
 
-def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
+Drawn = dict[str, tuple[np.ndarray, figures.Line]]
+"""Wrenches (N, 6) with their lines, by legend entry."""
+
+
+def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     """Wrenches over time: the true and the measured total, the ground's, and predictions of models."""
-    colors, strokes = inks(curves.values()), cycle(STROKES)
-    drawn = {}
+    others = iter(other_lines(curves.values(), without="true"))
+    drawn: Drawn = {}
     for label, what in curves.items():
-        color = INKS[colors[what]]
-        line = figures.Line(color, TRUE_WIDTH) if what == "true" else figures.Line(color, style=next(strokes))
-        drawn[label] = wrench(study, what), line
-    return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
+        color = INKS[inks(curves.values())[what]]
+        drawn[label] = wrench(study, what), figures.Line(color, TRUE_WIDTH) if what == "true" else next(others)
+    return drawn
 
 
 def inks(curves: Iterable[str]) -> dict[str, int]:
@@ -75,35 +86,28 @@ def wrench(study: SimulatedStudy, what: str) -> np.ndarray:
     return totals[what]().values if what in totals else study.fit(what).predicted
 
 
-def wrench_errors(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
+def wrench_errors(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     """Absolute errors of the recovered wrenches over samples, as dots, and their running RMS.
 
     Models with equal errors, due to joint noise, have alternating dots, and means that show between each other's
     dashes.
     """
-    errors = {label: wrench_error(study, model) for label, model in curves.items()}
-    lines = dict(zip(curves, other_lines(curves.values()), strict=True))
-    samples = {
-        label: (np.abs(error), replace(lines[label], style="", width=DOTS, first=k))
-        for k, (label, error) in enumerate(errors.items())
-    }
+    samples, means = Drawn(), Drawn()
     # The first is drawn lowest and has to be the widest.
-    widths = np.linspace(1.6, 0.8, len(curves))
-    means = {
-        f"{label}, running RMS": (running_rms(error), replace(lines[label], width=float(width)))
-        for (label, error), width in zip(errors.items(), widths, strict=True)
-    }
-    number = np.arange(1, len(study.recording.time) + 1)
-    return figures.wrench_panels(
-        number, samples | means, "Sample", symbol=r"|\Delta {}|", lowest=LOWEST, shaded=episodes(study)
-    )
+    widths = np.linspace(1.6, 0.8, len(curves)).tolist()
+    each = zip(curves.items(), other_lines(curves.values()), widths, strict=True)
+    for k, ((label, model), line, width) in enumerate(each):
+        error = wrench_error(study, model)
+        samples[label] = np.abs(error), replace(line, style="", width=DOTS, first=k)
+        means[f"{label}, running RMS"] = running_rms(error), replace(line, width=width)
+    return samples | means
 
 
-def other_lines(curves: Iterable[str]) -> list[figures.Line]:
-    """Lines of curves without the truth, each with its own colour and style."""
+def other_lines(curves: Iterable[str], without: str = "") -> list[figures.Line]:
+    """Lines of curves, but for the one `without`, each with its own colour and style."""
     drawn, strokes = list(curves), cycle(STROKES)
     colors = inks(drawn)
-    return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn]
+    return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn if what != without]
 
 
 def running_rms(x: np.ndarray) -> np.ndarray:
@@ -114,23 +118,22 @@ def running_rms(x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(sums[last] - sums[first], 0) / (last - first)[:, None])
 
 
-def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
+def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     """Measured total wrench less the models' predictions, over time."""
-    shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
     lines = other_lines(curves.values()) if len(curves) > 1 else [figures.Line("black")]
-    drawn = {
-        label: (wrench, replace(line, width=0.4)) for (label, wrench), line in zip(shown.items(), lines, strict=True)
+    return {
+        label: (study.total(model).values - study.fit(model).predicted, replace(line, width=0.4))
+        for (label, model), line in zip(curves.items(), lines, strict=True)
     }
-    return figures.wrench_panels(study.recording.time, drawn, "Time (s)", symbol=r"\Delta {}", shaded=episodes(study))
 
 
-def contacts(study: SimulatedStudy) -> Figure:
+def contacts(study: SimulatedStudy) -> Drawn:
     """Contribution of each contact to the ground wrench, measured and moved to the base frame, over time."""
-    taken = {
-        name: study.problem.total(study.recording, {name}).values - study.measured.values for name in study.known.sites
+    measured, sites = study.measured.values, study.known.sites
+    return {
+        name.capitalize(): (study.problem.total(study.recording, {name}).values - measured, line)
+        for name, line in zip(sites, other_lines(sites), strict=True)
     }
-    drawn = {name.capitalize(): (x, line) for (name, x), line in zip(taken.items(), other_lines(taken), strict=True)}
-    return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
 
 
 def episodes(study: SimulatedStudy) -> dict[str, np.ndarray]:

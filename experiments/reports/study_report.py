@@ -16,7 +16,7 @@ from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
+from experiments.document.tabular import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.writer import sentences
 from experiments.reports import study_figures
 from ident.mechanism.motion import Motion
@@ -44,25 +44,24 @@ def parameters(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """The models' base parameters, a group of columns for each model."""
     groups = entry.groups
     names = study.fit(groups[0]["model"]).base.names
-    shown = {
-        f"{name}_{suffix}" if suffix else name: (group["model"], name, suffix)
-        for group in groups
-        for suffix in [group.get("as", "" if group["model"] == study.file.main else group["model"])]
-        for name in group["show"]
-    }
+    shown = dict[str, tuple[str, str, str]]()
+    for group in groups:
+        model = group["model"]
+        suffix = group.get("as", "" if model == study.file.main else model)
+        shown |= {f"{name}_{suffix}" if suffix else name: (model, name, suffix) for name in group["show"]}
     columns = {column: quantity(study, model, name, names) for column, (model, name, _) in shown.items()}
     notes, beside_paper = _notes(study, groups), _beside_paper(study, groups)
     return tabular.Table(
         "; ".join([f"{entry.caption}, kg, kg m and kg m²", *notes]),
         *tabular.columns(parameter=names, **columns),
         decimals=entry.fixed_decimals,
-        digits={
-            column: _decimals(study, model, name, names, entry.decimals) for column, (model, name, _) in shown.items()
-        },
+        digits={column: _decimals(study, *each[:2], names, entry.decimals) for column, each in shown.items()},
         deviations=_deviations(shown),
         marked=frozenset(entry.marked if beside_paper else ()),
         footnote=entry.footnote if beside_paper else "",
-        regrouped=Regrouped.of({_model(suffix): sums(study, model) for model, _, suffix in shown.values()}),
+        regrouped={
+            tabular.heading(suffix).removeprefix(", "): sums(study, model) for model, _, suffix in shown.values()
+        },
         caption=entry.caption,
         notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
         bodies=study.known.bodies,
@@ -73,11 +72,6 @@ def parameters(study: SimulatedStudy, entry: Display) -> tabular.Table:
 def _beside_paper(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> bool:
     """False if columns of published numbers are empty because other options than the published ones are chosen."""
     return bool(study.file.published) or not any(name in PAPERS for group in groups for name in group["show"])
-
-
-def _model(suffix: str) -> str:
-    """A model's name in words."""
-    return tabular.heading(suffix).removeprefix(", ")
 
 
 def sums(study: SimulatedStudy, model: str) -> tuple[str, ...]:
@@ -98,15 +92,13 @@ def _decimals(study: SimulatedStudy, model: str, name: str, parameters: Sequence
 
 def _deviations(shown: Mapping[str, tuple[str, str, str]]) -> dict[str, str]:
     """Columns of standard deviations by those of the estimates, or of the errors if there are no estimates."""
-    columns = {quantity: column for column, quantity in shown.items()}
-    pairs = {}
-    for column, (model, name, suffix) in shown.items():
+    columns, pairs = {each: column for column, each in shown.items()}, {}
+    for std, (model, name, suffix) in shown.items():
         if name in STD.values():
-            for kind in ("estimated", "error"):
-                form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[estimator_of(name)]
-                if (estimate := columns.get((model, form.format(kind), suffix))) is not None:
-                    pairs[estimate] = column
-                    break
+            form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[estimator_of(name)]
+            either = (columns.get((model, form.format(kind), suffix)) for kind in ("estimated", "error"))
+            if (estimate := next(filter(None, either), None)) is not None:
+                pairs[estimate] = std
     return pairs
 
 
@@ -153,30 +145,22 @@ def wrench_errors(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
     errors = simulated_study.wrench_errors(study, entry.models)
     columns = ("channel", *next(iter(errors.values())))
-    rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
+    rows = [(channel, *numbers.values()) for channel, numbers in errors.items()]
     title = f"{entry.caption}, N and N m"
     return tabular.Table(title, columns, rows, entry.fixed_decimals, caption=entry.caption, units=UNITS)
 
 
 def contacts(study: SimulatedStudy, entry: Display) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
-    touching, known = simulated_study.touches(study), study.known
-
-    def each(number: str) -> list[float]:
-        return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
-
-    return tabular.Table(
-        entry.caption,
-        *tabular.columns(
-            contact=known.sites,
-            link=[body for body, _ in known.sites.values()],
-            touches=each("fraction"),
-            touches_alone=each("fraction_alone"),
-            episodes=each("episodes"),
-            peak_force_N=each("peak_force_N"),
-        ),
-        decimals=entry.fixed_decimals,
-    )
+    touching, sites = simulated_study.touches(study), study.file.scene.contacts.values()
+    numbers = ("fraction", "fraction_alone", "episodes", "peak_force_N")
+    heads = ("touches", "touches_alone", "episodes", "peak_force_N")
+    columns = {
+        head: [touching[f"{site}_{number}"] for site in sites] for head, number in zip(heads, numbers, strict=True)
+    }
+    links = [body for body, _ in study.known.sites.values()]
+    own = tabular.columns(contact=study.known.sites, link=links, **columns)
+    return tabular.Table(entry.caption, *own, decimals=entry.fixed_decimals)
 
 
 OUTPUTS = (*RESULTS, RECORDING)
@@ -201,10 +185,8 @@ def _errors(study: SimulatedStudy, name: str) -> Iterator[str]:
 
 def replay(study: SimulatedStudy) -> Replay:
     """Replay of the simulated motion, with the total wrench: true, measured, and predicted by the models."""
-    arm, recording = (
-        dataclasses.replace(study.known, tree=study.problem.true),
-        study.problem.with_cells(study.recording),
-    )
+    recording = study.problem.with_cells(study.recording)
+    arm = dataclasses.replace(study.known, tree=study.problem.true)
     # Models that share others' parameters predict nearly the same as with their own.
     predicted = {model.title: name for name, model in study.file.models.items() if model.parameters is None}
     curves = {what: what for what in ("true", "measured")} | predicted

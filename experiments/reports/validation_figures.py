@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
 from experiments.document import symbols
-from experiments.document.styles import empty_figure
+from experiments.document.figures import empty_figure
 from ident.display.plots import Axes, Figure, add_legend, few_decades
 from ident.tolerances import INTERVAL
 
@@ -23,9 +23,6 @@ ROW, HEAD, FOOT = 0.13, 0.30, 0.75
 
 NEAR, FAR = -1.0, 3.0
 """Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
-
-NOISE = "estimate, 95 % of the noise"
-"""Entry of a legend."""
 
 TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
 """Ticks of ratios, as far as they are on the abscissa."""
@@ -53,10 +50,12 @@ def held_out_figure(study: Study) -> Figure:
     """Held-out residuals over signal by candidate, a panel for each recording, in two columns."""
     columns = _columns(list(study))
     heights = [sum(ROW * len(each.channels) + HEAD for each in column) for column in columns]
+    every = np.concatenate([ratios for each in study for ratios in each.ratios.values()])
+    every = every[np.isfinite(every) & (every > 0)]
+    lowest, highest = 0.8 * float(every.min()), 1.25 * float(every.max())
     with empty_figure(max(heights) + FOOT, wide=True) as drawing:
         for part, column in zip(drawing.subfigures(1, len(columns), squeeze=False)[0], columns, strict=True):
             rows = [len(each.channels) + 1.0 for each in column]
-            lowest, highest = _range(study)
             axes = part.subplots(len(column), 1, height_ratios=rows, sharex=True, squeeze=False)[:, 0]
             for ax, each in zip(axes, column, strict=True):
                 _ratios(ax, each)
@@ -69,19 +68,10 @@ def held_out_figure(study: Study) -> Figure:
 
 def _columns(validations: Sequence[Validation]) -> list[list[Validation]]:
     """Recordings in two columns of about the same height."""
-    if len(validations) < 2:
-        return [list(validations)]
-    columns: list[list[Validation]] = [[], []]
+    columns: list[list[Validation]] = [[] for _ in validations[:2]]
     for each in sorted(validations, key=lambda each: -len(each.channels)):
         min(columns, key=lambda column: sum(len(x.channels) + 2 for x in column)).append(each)
     return columns
-
-
-def _range(study: Study) -> tuple[float, float]:
-    """Limits of the abscissa of ratios."""
-    every = np.concatenate([np.concatenate(list(each.ratios.values())) for each in study])
-    every = every[np.isfinite(every) & (every > 0)]
-    return 0.8 * float(every.min()), 1.25 * float(every.max())
 
 
 def _ratios(ax: Axes, validation: Validation) -> None:
@@ -120,9 +110,9 @@ def published_figure(study: Study) -> Figure:
         ax.axvline(1, color="0.5", lw=0.6, zorder=0)
         bars: dict[str, Any] = {"color": "black", "fmt": "|", "ms": 6, "lw": 0.7, "label": "published"}
         ax.errorbar(np.ones(len(rows)), rows + 0.2, xerr=INTERVAL * published[:, 1] / abs(published[:, 0]), **bars)
-        for fmt, width, kind, label in (("none", 0.7, 1, "with the set-up"), ("o", 1.6, 0, NOISE)):
-            style: dict[str, Any] = {"fmt": fmt, "ms": 3, "lw": width, "color": "C0", "label": label}
-            ax.errorbar(values[:, 0], rows, xerr=half[:, kind], **style)
+        style: dict[str, Any] = {"ms": 3, "color": "C0"}
+        ax.errorbar(values[:, 0], rows, xerr=half[:, 1], fmt="none", lw=0.7, label="with the set-up", **style)
+        ax.errorbar(values[:, 0], rows, xerr=half[:, 0], fmt="o", lw=1.6, label="estimate, 95 % of the noise", **style)
         for ends, limit, marker in ((values[:, 0] - half.T, NEAR, "<"), (values[:, 0] + half.T, FAR, ">")):
             beyond = rows[((ends < NEAR) | (ends > FAR)).any(axis=0)]
             ax.plot(np.full(len(beyond), limit), beyond, marker, color="C0", ms=3, clip_on=False, label="_beyond")

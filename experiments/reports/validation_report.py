@@ -85,29 +85,8 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z.values()
-    best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
-    out = [
-        f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
-        f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
-        f"{int((ratio > WORSE).sum())} by more."
-    ]
-    if len(bodies):
-        out.append(
-            f"Of {len(bodies)} differences between bodies and rotors of two recordings of one system, each identified "
-            f"alone, {100 * inside(bodies):.0f} % are inside their 95 % intervals."
-        )
-    if len(friction):
-        out.append(
-            f"Of {len(friction)} differences between their friction, {100 * inside(friction):.0f} % are: friction "
-            "changes from trial to trial, which intervals of one trial do not contain."
-        )
-    if len(unusable):
-        out.append(
-            f"Of {len(unusable)} differences between estimates that are unusable by their verdicts, "
-            f"{100 * inside(unusable):.0f} % are."
-        )
-    return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
+    own = sentences("validation_overview.txt", study=study, inside=inside, worse=WORSE)
+    return own + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
 
 
 def peer_lines(study: Study) -> list[str]:
@@ -133,14 +112,10 @@ def worse_lines(study: Study) -> list[str]:
 
 def _identical(validation: Validation) -> str:
     """Sentence on the parameters that are equal by construction."""
-    z = validation.alike_z
-    groups = "; ".join(
-        ", ".join("{:.4f} ± {:.4f}".format(*validation.values[name][::2]) for name in group)
-        for group in validation.entry.alike
-    )
-    values = validation.values
-    priors = [float(values.prior[values.names.index(name)]) for group in validation.entry.alike for name in group]
-    pulled = f" The model's values, ± {min(priors):.4f}, pull them together." if np.isfinite(min(priors)) else ""
+    z, values, alike = validation.alike_z, validation.values, validation.entry.alike
+    groups = "; ".join(", ".join("{:.4f} ± {:.4f}".format(*values[name][::2]) for name in group) for group in alike)
+    prior = min(float(values.prior[values.names.index(name)]) for group in alike for name in group)
+    pulled = f" The model's values, ± {prior:.4f}, pull them together." if np.isfinite(prior) else ""
     return (
         f"{validation.entry.title}: of {len(z)} pairs of parameters that are equal by construction "
         f"{int((abs(z) <= INTERVAL).sum())} differ by at most 1.96 s.d. ({groups}).{pulled}"
@@ -160,39 +135,35 @@ def headline(z: np.ndarray, sentence: str) -> Headline:
 
 
 CAPTIONS = {
-    "figure_validation": "Held-out residuals of the trajectory estimate over those of the best other candidate, up to "
-    "5 % worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
+    summary_figure: "Held-out residuals of the trajectory estimate over those of the best other candidate, up to 5 % "
+    "worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
     "standard deviations, 95 % in grey (b).",
-    "figure_held_out": "Residual of the held-out part over the signal's standard deviation, by channel and candidate.",
-    "figure_published": "Estimates over published parameters, 95 % intervals of both where they are published.",
+    held_out_figure: "Residual of the held-out part over the signal's standard deviation, by channel and candidate.",
+    published_figure: "Estimates over published parameters, 95 % intervals of both where they are published.",
 }
 """Captions of the figures."""
 
 
 def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
-    made = {
-        "table_truth": tables.table_truth(study),
-        "table_peers": tables.table_peers(study),
-        "table_recordings": tables.table_recordings(study),
-        "table_worse": tables.table_worse(study),
-        "table_outside": tables.table_outside(study),
-        "table_missed": tables.table_missed(study),
-        "table_held_out": tables.table_held_out(study),
-        "table_published": tables.table_published(study),
-        "table_agreement": tables.table_agreement(study),
-        "table_was_published": tables.table_was_published(study),
-    }
+    shown = (
+        tables.table_truth,
+        tables.table_peers,
+        tables.table_recordings,
+        tables.table_worse,
+        tables.table_outside,
+        tables.table_missed,
+        tables.table_held_out,
+        tables.table_published,
+        tables.table_agreement,
+        tables.table_was_published,
+    )
+    made = {each.__name__: each(study) for each in shown}
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {}
-    if study.validations:
-        figures = {
-            "figure_validation": partial(summary_figure, study),
-            "figure_held_out": partial(held_out_figure, study),
-        }
+    drawn = {"figure_validation": summary_figure, "figure_held_out": held_out_figure} if study.validations else {}
     if any(each.entry.published for each in study):
-        figures["figure_published"] = partial(published_figure, study)
+        drawn["figure_published"] = published_figure
     said = lines(study)
     return Document(
         "Validation against known parameters and real systems",
@@ -202,6 +173,6 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         lines=said,
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
-        figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},
+        figures={name: Plot(partial(draw, study), CAPTIONS[draw]) for name, draw in drawn.items()},
         numbers={"summary": numbers(study), "provenance": provenance},
     )

@@ -18,16 +18,17 @@ from experiments.data.validation import (
     rms,
     typical,
 )
-from experiments.document import tabular
+from experiments.document.tabular import Cell, Table
 from experiments.reports.validation_figures import agreement
 from ident.judgement.verdict import Outcome
 
 
-def table_truth(study: Study) -> tabular.Table:
+def table_truth(study: Study) -> Table:
     """A line on each system of which parameters are known: coverage, and errors of each candidate."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study.truths.values():
-        candidates = [each.values, *(each.rivals.get(name, np.full(len(each.true), np.nan)) for name in OTHERS)]
+        unknown = np.full(len(each.true), np.nan)
+        candidates = (each.values, *(each.rivals.get(name, unknown) for name in OTHERS))
         errors = (_percent(typical(each.errors(x)), ".1f") for x in candidates)
         counts = (len(each.true), _percent(inside(each.z), ".3g"), int(each.significant.sum()))
         rows.append((each.title, *counts, *errors, round(each.seconds)))
@@ -35,12 +36,12 @@ def table_truth(study: Study) -> tabular.Table:
     heads |= {name: CANDIDATES[name] for name in OTHERS} | {"seconds": "CPU s"}
     columns = ("system", "known", "inside", "significant", "estimate", *OTHERS, "seconds")
     notes = ("Median errors are relative, of the parameters whose 95 % intervals exclude zero.",)
-    return tabular.Table("Known parameters and estimates", columns, tuple(rows), heads=heads, notes=notes)
+    return Table("Known parameters and estimates", columns, rows, heads=heads, notes=notes)
 
 
-def table_peers(study: Study) -> tabular.Table:
+def table_peers(study: Study) -> Table:
     """Held-out residuals of the estimate and of other software: median and largest of the channels, and CPU time."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         own: dict[str, Any] = {CANDIDATES[ESTIMATE]: {"ratios": each.ratios[ESTIMATE], "seconds": each.seconds}}
         for name, answer in ((own | dict(each.peers)) if each.peers else {}).items():
@@ -54,12 +55,12 @@ def table_peers(study: Study) -> tabular.Table:
     columns = ("recording", "software", "median", "largest", "better", "seconds", "note")
     heads = {"better": "channels better than the estimate", "seconds": "CPU s"}
     title = "Residual of the held-out part over the signal's standard deviation, beside other software"
-    return tabular.Table(title, columns, tuple(rows), heads=heads)
+    return Table(title, columns, rows, heads=heads)
 
 
-def table_recordings(study: Study) -> tabular.Table:
+def table_recordings(study: Study) -> Table:
     """A line on each recording: size, verdict, channels, agreement and time."""
-    rows = tuple(_recording(each) for each in study)
+    rows = [_recording(each) for each in study]
     heads = {
         "held_out": "held out",
         "channels": "explained channels",
@@ -71,49 +72,45 @@ def table_recordings(study: Study) -> tabular.Table:
         "identical_inside": "identical parts inside 95 %",
         "seconds": "CPU s",
     }
-    columns = ("recording", "fitted", "held_out", "verdict", "channels", "best", "worse", "halves", "halves_inside")
-    columns_of_all = (*columns, "trials_inside", "identical_inside", "seconds")
+    columns = (
+        *("recording", "fitted", "held_out", "verdict", "channels", "best", "worse"),
+        *("halves", "halves_inside", "trials_inside", "identical_inside", "seconds"),
+    )
     notes = (
         "RMS z of halves in standard deviations from the noise; beyond 1 these are widened by as much, and halves "
         "inside 95 % are of the widened ones.",
     )
-    return tabular.Table("Public recordings", columns_of_all, rows, decimals=1, heads=heads, notes=notes)
+    return Table("Public recordings", columns, rows, decimals=1, heads=heads, notes=notes)
 
 
-def _recording(validation: Validation) -> tuple[tabular.Cell, ...]:
+def _recording(validation: Validation) -> tuple[Cell, ...]:
     """A recording's row."""
     ratio, z = validation.against_best, agreement(validation)
     counts = (len(ratio), int((ratio <= 1).sum()), int((ratio > WORSE).sum()))
     shares = (_percent(inside(z[name])) for name in ("halves", "trials", "identical"))
     start = (validation.entry.title, *validation.samples, Outcome(validation.outcome).word)
-    return _with_gaps((*start, *counts, rms(validation.halves), *shares, round(validation.seconds)))
+    return *start, *counts, rms(validation.halves), *shares, round(validation.seconds)
 
 
 def _percent(share: float, form: str = ".0f") -> str | None:
     return None if np.isnan(share) else f"{100 * share:{form}} %"
 
 
-def _with_gaps(row: tuple[Any, ...]) -> tuple[tabular.Cell, ...]:
-    """A row with empty cells for numbers that do not exist."""
-    return tuple(None if isinstance(x, float) and np.isnan(x) else x for x in row)
-
-
-def table_held_out(study: Study) -> tabular.Table:
+def table_held_out(study: Study) -> Table:
     """Held-out residual over signal by channel and candidate."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         for k, channel in enumerate(each.channels):
-            ratios = [float(each.ratios[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE)]
+            ratios, resting = (
+                [float(of[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE) if name in of]
+                for of in (each.ratios, each.at_rest)
+            )
             rows.append((each.entry.title, channel, *ratios, each.entry.held_out.get(channel), _judged(each, k)))
-            resting = [
-                float(each.at_rest[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE) if name in each.at_rest
-            ]
             if np.isfinite(resting).any():
                 rows.append((each.entry.title, f"{channel}, at rest", *resting, None, "not judged"))
     columns = ("recording", "channel", "model", "least_squares", "estimate", "published", "note")
     heads = {"model": "model as it came", "least_squares": "least squares", "estimate": "trajectory estimate"}
-    title = "Residual of the held-out part over the signal's standard deviation"
-    return tabular.Table(title, columns, tuple(rows), heads=heads)
+    return Table("Residual of the held-out part over the signal's standard deviation", columns, rows, heads=heads)
 
 
 def _judged(validation: Validation, k: int) -> str:
@@ -124,23 +121,22 @@ def _judged(validation: Validation, k: int) -> str:
     return "best" if ratio <= 1 else "as good" if ratio <= WORSE else f"worse by {100 * (ratio - 1):.0f} %"
 
 
-def table_published(study: Study) -> tabular.Table:
+def table_published(study: Study) -> Table:
     """Published parameters beside the estimates, with both standard deviations and z."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         for published in each.entry.published:
             value, std, std_setup = each.values[published.name]
             unit = each.values.units[each.values.names.index(published.name)]
             z = each.published_z(published)
             numbers = (published.value, published.std, value, std, std_setup, z)
-            rows.append(_with_gaps((each.entry.title, published.name, unit, *numbers, published.source)))
+            rows.append((each.entry.title, published.name, unit, *numbers, published.source))
     columns = ("recording", "parameter", "unit", "published", "published_std", "estimate", "std", "std_setup", "z")
     heads = {"published_std": "published s.d."}
-    title = "Published parameters and estimates"
-    return tabular.Table(title, (*columns, "source"), tuple(rows), decimals=4, heads=heads)
+    return Table("Published parameters and estimates", (*columns, "source"), rows, decimals=4, heads=heads)
 
 
-def table_worse(study: Study) -> tabular.Table:
+def table_worse(study: Study) -> Table:
     """Channels in which another candidate predicts better by more than 5 %."""
     rows = [
         (each.entry.title, channel, own, CANDIDATES[other], best, f"{100 * (own / best - 1):.0f} %")
@@ -149,40 +145,37 @@ def table_worse(study: Study) -> tabular.Table:
     ]
     heads = {"other": "best other candidate", "best": "its residual", "excess": "worse by"}
     title = f"Channels in which another candidate predicts better by more than {100 * (WORSE - 1):.0f} %"
-    return tabular.Table(
-        title, ("recording", "channel", "estimate", "other", "best", "excess"), tuple(rows), heads=heads
-    )
+    return Table(title, ("recording", "channel", "estimate", "other", "best", "excess"), rows, heads=heads)
 
 
-def table_outside(study: Study) -> tabular.Table:
+def table_outside(study: Study) -> Table:
     """Published parameters outside the 95 % intervals."""
     published, outside = table_published(study), {(each.entry.title, name) for each in study for name in each.outside}
     kept = [published.columns.index(x) for x in ("recording", "parameter", "published", "estimate", "std_setup", "z")]
-    rows = tuple(tuple(row[k] for k in kept) for row in published.rows if row[:2] in outside)
+    rows = [[row[k] for k in kept] for row in published.rows if row[:2] in outside]
     columns = tuple(published.columns[k] for k in kept)
-    return tabular.Table("Published parameters outside the 95 % intervals", columns, rows, decimals=4)
+    return Table("Published parameters outside the 95 % intervals", columns, rows, decimals=4)
 
 
-def table_missed(study: Study) -> tabular.Table:
+def table_missed(study: Study) -> Table:
     """Reference results that the estimate does not reach."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         source = each.entry.reference.source if each.entry.reference else ""
         for goal in (goal for goal in each.goals if not goal.met):
             limit = f"at {'least' if goal.least else 'most'} {goal.wanted:g}"
             rows.append((each.entry.title, goal.what, limit, f"{goal.reached:.3g}", source))
     columns = ("recording", "of", "reference", "reached", "source")
-    heads = {"source": "origin of the reference"}
-    return tabular.Table("Reference results that are not reached", columns, tuple(rows), heads=heads)
+    return Table("Reference results that are not reached", columns, rows, heads={"source": "origin of the reference"})
 
 
 NONE = "—"
 """Cell of what was not published."""
 
 
-def table_was_published(study: Study) -> tabular.Table:
+def table_was_published(study: Study) -> Table:
     """Numbers of parameters, accuracies and held-out residuals that were published with each recording."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         published = each.entry.published
         numbers = (len(published), sum(np.isfinite(x.std) for x in published), len(each.entry.held_out))
@@ -190,12 +183,12 @@ def table_was_published(study: Study) -> tabular.Table:
         rows.append((each.entry.title, *shown, f"{each.entry.source.repository}; {each.entry.source.reference}"))
     heads = {"accuracies": "their accuracies", "residuals": "held-out residuals"}
     columns = ("recording", "parameters", "accuracies", "residuals", "source")
-    return tabular.Table("What was published with the recordings", columns, tuple(rows), heads=heads)
+    return Table("What was published with the recordings", columns, rows, heads=heads)
 
 
-def table_steel(validation: Validation) -> tabular.Table:
+def table_steel(validation: Validation) -> Table:
     """Parameters of the double pendulum in the form of the paper's Tables III and IV: published values and errors."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for published in validation.entry.published:
         value, _, std = validation.values[published.name]
         k = validation.values.names.index(published.name)
@@ -210,25 +203,23 @@ def table_steel(validation: Validation) -> tabular.Table:
     }
     title = "Double pendulum in steel: published parameters, and estimates less these, SI units"
     units = tuple(validation.values.units[validation.values.names.index(row[0])] for row in rows)
-    return tabular.Table(title, columns, tuple(rows), decimals=4, heads=heads, units=units)
+    return Table(title, columns, rows, decimals=4, heads=heads, units=units)
 
 
-def table_agreement(study: Study) -> tabular.Table:
+def table_agreement(study: Study) -> Table:
     """Values of parameters that are equal by construction, and of trials identified alone, with the prior's s.d."""
-    rows = list[tuple[tabular.Cell, ...]]()
+    rows: list[tuple[Cell, ...]] = []
     for each in study:
         rows += [_estimate(each, name, each.values) for group in each.entry.alike for name in group]
         for trial, values in each.trials.items():
             names = (published.name for published in each.entry.published)
             rows += [_estimate(each, name, values, f", {trial}") for name in names if name in values.names]
     columns = ("recording", "parameter", "estimate", "std", "std_setup", "prior_std")
-    heads = {"prior_std": "s.d. of the prior"}
-    title = "Parameters of identical parts and of trials"
-    return tabular.Table(title, columns, tuple(rows), decimals=4, heads=heads)
+    title, heads = "Parameters of identical parts and of trials", {"prior_std": "s.d. of the prior"}
+    return Table(title, columns, rows, decimals=4, heads=heads)
 
 
-def _estimate(validation: Validation, name: str, values: Values, of: str = "") -> tuple[tabular.Cell, ...]:
+def _estimate(validation: Validation, name: str, values: Values, of: str = "") -> tuple[Cell, ...]:
     """Row of an estimated parameter; the prior is empty where there is none."""
     prior = float(values.prior[values.names.index(name)])
-    shown = prior if np.isfinite(prior) else float("nan")
-    return _with_gaps((validation.entry.title, f"{name}{of}", *values[name], shown))
+    return validation.entry.title, f"{name}{of}", *values[name], prior if np.isfinite(prior) else None

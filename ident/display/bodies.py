@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ident.display.frames import frame_of
+from ident.display.brief import frame_of
 from ident.display.text import aligned, decimals_of
 
 if TYPE_CHECKING:
@@ -93,10 +93,8 @@ def _number(x: float, decimals: int | None) -> str:
 
 def bodies_text(rows: Sequence[BodyValue]) -> str:
     """Mass and centre of mass of each body with their intervals, a line each; a dash: not determined."""
-    lines = [
-        (own[0].body, own[0].words, f"{100 * own[0].share:.0f} %", *(x.brief for x in own[1:4]))
-        for own in _by_body(rows)
-    ]
+    masses = [(own[0], own[1:4]) for own in _by_body(rows)]
+    lines = [(m.body, m.words, f"{100 * m.share:.0f} %", *(x.brief for x in centre)) for m, centre in masses]
     return "\n".join(aligned(HEADS, lines, (2,)))
 
 

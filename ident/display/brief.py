@@ -1,8 +1,18 @@
-"""Objects in a few lines: their `repr`, and the same as a table of HTML for notebooks."""
+"""Objects in a few lines: their `repr`, the same as HTML for notebooks, and tables of both and of pandas."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.files.table import vector_columns
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 WIDTH = 100
 """Longest line of a `repr`."""
@@ -25,6 +35,20 @@ def properties(kind: str, lines: Mapping[str, object]) -> str:
     rows = [(name, str(value)) for name, value in lines.items() if value not in ("", None)]
     body = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
     return f"<div><strong>{escape(kind)}</strong><table><tbody>{body}</tbody></table></div>"
+
+
+RIGHT = ' style="text-align: right"'
+
+
+def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
+    """A table, columns of numbers aligned to the right."""
+    right = set(numbers)
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "".join(f"<{tag}{RIGHT * (k in right)}>{escape(x)}</{tag}>" for k, x in enumerate(cells))
+
+    body = "".join(f"<tr>{row(cells, 'td')}</tr>" for cells in rows)
+    return f"<table><thead><tr>{row(heads, 'th')}</tr></thead><tbody>{body}</tbody></table>"
 
 
 class Worded:
@@ -50,3 +74,37 @@ class Brief:
 
     def _repr_html_(self) -> str:
         return properties(type(self).__name__, self._in_short)
+
+
+def frame_of(columns: Sequence[str], rows: Sequence[Sequence[Any]], index: int) -> "pd.DataFrame":
+    """Data frame of rows, indexed by the first columns.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    return imported_pandas().DataFrame.from_records(rows, columns=list(columns)).set_index(list(columns[:index]))
+
+
+def channels_frame(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> "pd.DataFrame":
+    """Data frame of channels (N,) or (N, d) by name, a column for each component, with the times as its index.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    pd = imported_pandas()
+    columns: dict[str, np.ndarray] = {}
+    for name, x in channels.items():
+        columns |= vector_columns(name, x)
+    return pd.DataFrame(columns, index=pd.Index(time, name="time"))
+
+
+def imported_pandas() -> Any:
+    """The module pandas.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return import_module("pandas")
+    except ImportError:
+        raise InputError("A data frame needs pandas: pip install 'multicontact[pandas]'.") from None

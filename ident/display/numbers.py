@@ -19,10 +19,9 @@ VERSION = 2
 def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: Verdict) -> dict[str, Any]:
     """All results of an estimate for scripts, in JSON's types, but for what it alone has."""
     fit, held, full, condition = evidence.fit, evidence.held_out, evidence.consistent(), evidence.condition_number
-    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
     at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
-    each = held.rms, held.signal, held.ratio, held.relative_rms
-    numbers = zip(*(x.tolist() for x in each), at_rest, strict=True)
+    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
+    each = *(x.tolist() for x in (held.rms, held.signal, held.ratio, held.relative_rms)), at_rest
     bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
     return {
         "version": VERSION,
@@ -37,7 +36,7 @@ def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: V
         "part": held.part,
         "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in evidence.offsets.items()},
         "cutoff_hz": evidence.prepared.cutoff,
-        "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(evidence.channels, numbers, strict=True)},
+        "held_out": {c: dict(zip(keys, row, strict=True)) for c, *row in zip(evidence.channels, *each, strict=True)},
         "candidates": {
             name: dict(zip(evidence.channels, x.tolist(), strict=True)) for name, x in evidence.rivals.items()
         },
@@ -56,15 +55,11 @@ def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: V
 
 def _limits(rows: Sequence[BodyValue], body: str) -> dict[str, Any]:
     """Limits of the 95 % interval of each quantity of a body, None without one, and the data's share."""
-    return {
-        each.quantity: {
-            "lower": each.lower if np.isfinite(each.lower) else None,
-            "upper": each.upper if np.isfinite(each.upper) else None,
-            "share": each.share,
-        }
-        for each in rows
-        if each.body == body
-    }
+    out = {}
+    for each in (row for row in rows if row.body == body):
+        lower, upper = (x if np.isfinite(x) else None for x in (each.lower, each.upper))
+        out[each.quantity] = {"lower": lower, "upper": upper, "share": each.share}
+    return out
 
 
 def _weights(trajectory: TrajectoryEstimate | None) -> dict[str, Any] | None:

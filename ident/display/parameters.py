@@ -2,14 +2,13 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
 from ident.arguments import is_number, near
-from ident.display.brief import Worded
-from ident.display.frames import imported_pandas
+from ident.display.brief import Worded, imported_pandas
 from ident.errors import InputError
 from ident.estimation.noise import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
@@ -115,30 +114,26 @@ def parameters_of(
         bounded: Names of drives at their bound of zero.
         scales: True over stated torque of joints, with its standard deviation, by name.
     """
-    base = fit.parameters
-    kinds = ["base"] * base.rank + ["drive"] * len(fit.equations.drives)
-    kinds += ["offset"] * (len(fit.names) - len(kinds))
-    # Zero for a drive means that the model states none.
-    model = [None if kind == "drive" and not x else x for kind, x in zip(kinds, fit.equations.from_model, strict=False)]
-    model += [None] * (len(fit.names) - len(model))
-    regrouped = (*base.expressions(4), *fit.names[base.rank :])
-    columns = fit.names, kinds, fit.values.tolist(), fit.std.tolist(), wider.tolist(), model, regrouped
-    coefficients = (
-        Parameter(
-            *(name, kind, value, std, std_setup),
-            unit=coefficient_unit(name, arm.tree),
-            body=body_of(name, arm.bodies),
-            model=None if own is None else float(own),
-            expression=expression,
-            at_bound=name in bounded,
+    base, sums, drives = fit.parameters, fit.parameters.expressions(4), len(fit.equations.drives)
+    coefficients = []
+    for k, (name, value, std) in enumerate(zip(fit.names, fit.values.tolist(), fit.std.tolist(), strict=True)):
+        kind = "base" if k < base.rank else "drive" if k < base.rank + drives else "offset"
+        model = float(fit.equations.from_model[k]) if k < len(fit.equations.from_model) else None
+        coefficients.append(
+            Parameter(
+                *(name, kind, value, std, float(wider[k])),
+                unit=coefficient_unit(name, arm.tree),
+                body=body_of(name, arm.bodies),
+                # Zero for a drive means that the model states none.
+                model=None if kind == "drive" and not model else model,
+                expression=sums[k] if k < base.rank else name,
+                at_bound=name in bounded,
+            )
         )
-        for name, kind, value, std, std_setup, own, expression in zip(*columns, strict=True)
-    )
-    of_scales = (
-        Parameter(name := f"scale({joint})", "scale", value, std, std, "", joint, 1.0, name)
-        for joint, (value, std) in scales.items()
-    )
-    return (*coefficients, *of_scales)
+    for joint, (value, std) in scales.items():
+        name = f"scale({joint})"
+        coefficients.append(Parameter(name, "scale", value, std, std, "", joint, 1.0, name))
+    return tuple(coefficients)
 
 
 def parameters_frame(parameters: Sequence[Parameter]) -> "pd.DataFrame":
@@ -147,12 +142,9 @@ def parameters_frame(parameters: Sequence[Parameter]) -> "pd.DataFrame":
     Raises:
         InputError: pandas is not installed.
     """
-    pd = imported_pandas()
-    intervals = np.array([each.interval() for each in parameters]).reshape(-1, 2)
-    columns = ("kind", "body", "estimate", "std", "std_setup", "unit", "model", "expression")
-    out: dict[str, Any] = {key: [getattr(each, key) for each in parameters] for key in columns}
-    out["model"] = np.array([np.nan if x is None else x for x in out["model"]])
-    out |= {"lower": intervals[:, 0], "upper": intervals[:, 1]}
-    index = pd.Index([each.name for each in parameters], name="parameter")
-    order = [*columns[:5], "lower", "upper", *columns[5:]]
-    return pd.DataFrame(out, index=index)[order]
+    keys = ("name", "kind", "body", "estimate", "std", "std_setup", "lower", "upper", "unit", "model", "expression")
+    limits = [dict(zip(("lower", "upper"), each.interval(), strict=True)) for each in parameters]
+    rows = [vars(each) | own for each, own in zip(parameters, limits, strict=True)]
+    frame = imported_pandas().DataFrame([{key: row[key] for key in keys} for row in rows], columns=keys)
+    frame["model"] = frame["model"].astype(float)
+    return frame.rename(columns={"name": "parameter"}).set_index("parameter")

@@ -1,7 +1,6 @@
 """Figures of estimates and recordings, in the style that matplotlib is set to, which is imported with the first one."""
 
 import sys
-from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -83,8 +82,9 @@ def parameters_figure(
 
     If they are too many for the sheet, those with the narrowest relative intervals are drawn.
     """
-    size = np.max([np.abs(values), np.abs(model), half, np.full(len(values), 1e-300)], axis=0)
-    shown = narrowest(values, half, model, sheet.most_rows)
+    largest = np.max([np.abs(values), np.abs(model), np.full(len(values), 1e-300)], axis=0)
+    shown = np.sort(np.argsort(half / largest, kind="stable")[: sheet.most_rows])
+    size = np.maximum(largest, half)
     figure, panels = row_panels(
         sheet, [names[k] for k in shown], "Value over the largest of estimate, model and half-width"
     )
@@ -98,17 +98,8 @@ def parameters_figure(
     return figure
 
 
-def narrowest(values: np.ndarray, half: np.ndarray, model: np.ndarray, most: int) -> np.ndarray:
-    """Indices of at most so many parameters, in order: those with the narrowest intervals over estimate or model."""
-    relative = half / np.max([np.abs(values), np.abs(model), np.full(len(values), 1e-300)], axis=0)
-    return np.sort(np.argsort(relative, kind="stable")[:most])
-
-
 def fit_figure(
-    sheet: Sheet,
-    labels: Sequence[str],
-    curves: tuple[np.ndarray, np.ndarray, np.ndarray],
-    slow: np.ndarray,
+    sheet: Sheet, labels: Sequence[str], curves: tuple[np.ndarray, np.ndarray, np.ndarray], slow: np.ndarray
 ) -> Figure:
     """Measured and predicted channels.
 
@@ -142,9 +133,8 @@ def spectra_figure(
     """Amplitude spectra of measured channels and of their residuals (N, C), up to a frequency in Hz."""
     figure, axes = channel_panels(sheet, labels, "Frequency (Hz)")
     # Where nothing is explained the residual is what is measured, which shows on both sides.
-    for x, color, width, label in zip(
-        channels, (MEASURED, ESTIMATED), (1.6, 0.6), ("Measured", "Residual"), strict=True
-    ):
+    styles = (MEASURED, 1.6, "Measured"), (ESTIMATED, 0.6, "Residual")
+    for x, (color, width, label) in zip(channels, styles, strict=True):
         frequency, amplitude = amplitude_spectrum(x, rate)
         shown = (frequency > 0) & (frequency <= highest)
         for ax, y in zip(axes, amplitude.T, strict=True):
@@ -194,19 +184,19 @@ def _panels_of(
     channels: Mapping[str, np.ndarray], units: Mapping[str, str], wrenches: Sequence[str]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Lines (N,) of each panel by name, by the panel's label."""
-    positions = [name for name in channels if name.endswith("_position")]
     # Positions of three components are those of bodies.
-    joints = [name.removesuffix("_position") for name in positions if channels[name].shape[1:] != (3,)]
-    groups = [(f"Joint {kind}", unit, {j: f"{j}_{kind}" for j in joints}) for kind, unit in JOINTS.items()]
+    positions = [name for name in channels if name.endswith("_position") and channels[name].shape[1:] != (3,)]
+    joints = [name.removesuffix("_position") for name in positions]
+    groups = {(f"Joint {kind}", unit): {j: f"{j}_{kind}" for j in joints} for kind, unit in JOINTS.items()}
     for name in wrenches:
-        groups += [(f"Force {name}", "N", {"F": f"{name}_force"}), (f"Moment {name}", "N m", {"M": f"{name}_torque"})]
+        groups |= {(f"Force {name}", "N"): {"F": f"{name}_force"}, (f"Moment {name}", "N m"): {"M": f"{name}_torque"}}
     panels = {}
-    for title, usual, names in groups:
+    for (title, usual), names in groups.items():
         measured = {line: name for line, name in names.items() if name in channels}
         stated = dict.fromkeys(units.get(name, usual) for name in measured.values())
-        lines = [vector_columns(line, channels[name]) for line, name in measured.items()]
+        lines = [each for line, name in measured.items() for each in vector_columns(line, channels[name]).items()]
         if lines:
-            panels[f"{title}\n({', '.join(stated)})"] = dict(ChainMap(*reversed(lines)))
+            panels[f"{title}\n({', '.join(stated)})"] = dict(lines)
     return panels
 
 

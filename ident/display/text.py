@@ -1,10 +1,18 @@
-"""Results as lines of text for the terminal."""
+"""Estimates as lines of text for the terminal, and as HTML for notebooks with all text escaped."""
 
 import math
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
 
+from ident.display.brief import html_table
 from ident.display.parameters import Parameter
+
+PAGES: "WeakKeyDictionary[Any, Path]" = WeakKeyDictionary()
+"""Pages that were written of estimates, for the links to them."""
 
 WIDTH = 120
 """Longest line of a sentence."""
@@ -118,3 +126,26 @@ def headline(parameters: Sequence[Parameter], samples: int, logs: int) -> str:
     more = f" and {len(others)} of {' and '.join(kinds)}" if others else ""
     recordings = f" of {logs} recordings" if logs > 1 else ""
     return f"{len(parameters) - len(others)} base parameters{more} from {samples} samples{recordings}"
+
+
+def estimate_html(
+    headline: str,
+    verdict: str,
+    parameters: Iterable[Parameter],
+    sentences: Iterable[str],
+    findings: Iterable[tuple[str, bool]],
+    page: Path | None,
+) -> str:
+    """Verdict, parameters, sentences and findings, True for a doubt, with a link to a page if one was written."""
+    # Units stay on one line.
+    rows = [(*row[:5], row[5].replace(" ", "\N{NO-BREAK SPACE}"), *row[6:]) for row in parameter_rows(parameters)]
+    items = [f"<li>{'<strong>Doubt:</strong> ' * doubt}{escape(sentence)}</li>" for sentence, doubt in findings]
+    parts = [
+        f"<p><strong>{escape(headline)}</strong></p>",
+        f"<p>{escape(verdict)}</p>",
+        html_table(HEADS, rows, (2, 3, 4, 6)),
+        *(f"<p>{escape(sentence)}</p>" for sentence in sentences if sentence),
+        f"<details><summary>{len(items)} findings</summary><ul>{''.join(items)}</ul></details>" if items else "",
+        f'<p><a href="{escape(page.as_posix())}" target="_blank">Replay and figures</a></p>' if page else "",
+    ]
+    return f"<div>{''.join(parts)}</div>"

@@ -14,8 +14,7 @@ from html import escape
 import numpy as np
 from scipy import special
 
-from ident.display.brief import Worded
-from ident.display.html import table
+from ident.display.brief import Worded, html_table
 from ident.display.text import rounded
 from ident.errors import ExcitationError, InputError
 from ident.estimation.noise import unit_of
@@ -194,9 +193,8 @@ class Comparison(Worded):
 
     def _repr_html_(self) -> str:
         heads = ("parameter", "difference", "s.d.", "unit", "z")
-        return (
-            f"<div><p>{escape(str(self).partition(' The largest')[0])}</p>{table(heads, self._rows(), (1, 2, 4))}</div>"
-        )
+        sentence = escape(str(self).partition(" The largest")[0])
+        return f"<div><p>{sentence}</p>{html_table(heads, self._rows(), (1, 2, 4))}</div>"
 
 
 def compared(first: Fit, second: Fit) -> Comparison:

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
 from ident.arguments import check_type, checked_path, checked_rpy
-from ident.display.brief import Brief, listed
-from ident.display.frames import channels_frame
+from ident.display.brief import Brief, channels_frame, listed
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE

@@ -1,4 +1,4 @@
-"""Answers of an estimate in an interpreter and in a notebook."""
+"""Estimates, recordings, mechanisms and regroupings in an interpreter and in a notebook."""
 
 import re
 import sys
@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from importlib.util import find_spec
 from types import SimpleNamespace
 
+import driven_arm
 import numpy as np
 import pytest
 from estimates import jointly, quick
@@ -14,7 +15,9 @@ from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled
 
-from ident.display import html
+import ident
+from ident.display import text
+from ident.display.brief import html_table
 from ident.errors import InputError
 
 pytestmark = pytest.mark.extras
@@ -117,13 +120,13 @@ def test_html_is_well_formed_and_escaped(tmp_path):
     words = " ".join(tags.text)
     assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
     assert "Replay" not in words and "kg\N{NO-BREAK SPACE}m²" in words
-    html.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
+    text.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
     try:
         linked = estimate._repr_html_()
     finally:
-        del html.PAGES[estimate]
+        del text.PAGES[estimate]
     assert "Replay and figures" in linked and "&quot;page&quot;" in linked
-    assert html.table(["<b>"], [["a & b"]]) == (
+    assert html_table(["<b>"], [["a & b"]]) == (
         "<table><thead><tr><th>&lt;b&gt;</th></tr></thead><tbody><tr><td>a &amp; b</td></tr></tbody></table>"
     )
 
@@ -197,7 +200,57 @@ def test_a_data_frame_has_every_parameter():
     assert frame.loc["Fc(bend)", "unit"] == "N m" and frame.loc["Fc(bend)", "model"] == pytest.approx(0.4)
 
 
-def test_without_pandas_a_sentence_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+@pytest.mark.parametrize("thing", [quick, lambda: quick().consistent(), lambda: quick().prepared.recording])
+def test_without_pandas_a_sentence_names_the_extra(monkeypatch, thing):
+    monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
-        quick().to_frame()
+        thing().to_frame()
+
+
+@pytest.mark.parametrize(
+    ("thing", "parts"),
+    [
+        (lambda: driven_arm.log(6.0, 50.0), ["300 at 50 Hz", "turn_position", "bend_torque"]),
+        (driven_arm.mechanism, ["column, upper, fore", "turn, lift, bend", "8.5 kg in 3 bodies"]),
+        (lambda: ident.find_base_parameters(driven_arm.mechanism()), ["of 30 parameters", "m1 + m2 + m3"]),
+    ],
+)
+def test_a_repr_has_at_most_ten_lines_and_says_the_most_important(thing, parts):
+    made = thing()
+    lines = repr(made).splitlines()
+    assert len(lines) <= 10 and max(map(len, lines)) <= 100
+    html = made._repr_html_()
+    assert all(part in repr(made) and part in html for part in parts)
+    assert lines[0] == f"<{type(made).__name__}" and lines[-1].endswith(">")
+
+
+def test_a_recording_is_plotted_with_all_that_it_measures():
+    log = driven_arm.log(6.0, 50.0)
+    wrenches = {"ground_force": np.ones((300, 3)), "ground_torque": np.zeros((300, 3))}
+    of_body = {"hand_position": np.zeros((300, 3)), "hip_position": np.tile([1.0, 0, 0, 0], (300, 1))}
+    recording = ident.Recording(log.time, {**log.measured, **wrenches, **of_body}, units={"lift_torque": "mN m"})
+    panels = {ax.get_ylabel(): {line.get_label(): line for line in ax.lines} for ax in recording.plot().axes}
+    joints = (*driven_arm.JOINTS, *(f"hip.{x}" for x in "wxyz"))
+    assert {label: tuple(lines) for label, lines in panels.items()} == {
+        "Joint position\n(rad or m)": joints,
+        "Joint torque\n(N m or N, mN m)": driven_arm.JOINTS,
+        "Force ground\n(N)": ("F.x", "F.y", "F.z"),
+        "Moment ground\n(N m)": ("M.x", "M.y", "M.z"),
+    }
+    line = panels["Joint position\n(rad or m)"]["lift"]
+    np.testing.assert_array_equal(line.get_xydata(), np.stack([log.time, log["lift_position"]], axis=1))
+
+
+def test_a_recording_as_a_data_frame_is_read_back(monkeypatch):
+    pytest.importorskip("pandas")
+    log = driven_arm.log(4.0, 50.0)
+    recording = ident.Recording(log.time, {**log.measured, "ground_force": np.ones((200, 3))})
+    frame = recording.to_frame()
+    assert frame.index.name == "time" and [name for name in frame if "force" in name] == [
+        "ground_force.x",
+        "ground_force.y",
+        "ground_force.z",
+    ]
+    again = ident.read_log(frame, driven_arm.mechanism())
+    np.testing.assert_allclose(again.time, log.time)
+    assert {*log.measured} <= {*again.measured} and (again["bend_torque"] == log["bend_torque"]).all()

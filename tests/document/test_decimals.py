@@ -8,7 +8,7 @@ import pytest
 from experiments.document import tabular
 from experiments.document.document import Card, Document
 from experiments.document.symbols import pieces
-from experiments.document.tabular import Regrouped, Table, columns, decimals_of, number
+from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.terminal import WIDTH, wrapped
 
 
@@ -44,10 +44,10 @@ def test_an_estimate_ends_with_its_standard_deviation(value, std, shown):
 
 def test_only_sums_of_several_parameters_are_marked_and_noted():
     names, sums = ("m1", "m2rz2"), ("m1 + m2", "m2rz2")
-    table = Table("t", *columns(parameter=names, x=(1.0, 2.0)), bodies=("a", "b"), regrouped=Regrouped.of({"": sums}))
+    table = Table("t", *columns(parameter=names, x=(1.0, 2.0)), bodies=("a", "b"), regrouped={"": sums})
     assert table.remarks() == [("†", "Regrouped sums: m1 + m2.")]
     assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
-    none = Regrouped.of({"": names})
+    none = {"": names}
     assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped=none).remarks()
 
 

@@ -8,7 +8,6 @@ import pytest
 from pages import identified, replayed
 
 from experiments.document.replay import ellipsoid
-from experiments.document.writer import environment
 from ident.geometry.inertia import parameters_from_com
 from sim.models.model_mechanism import mechanism
 from sim.models.shapes import shapes
@@ -70,11 +69,3 @@ def test_shapes_have_the_volumes_of_their_geoms_and_are_where_mujoco_has_them():
     centre = T[:3, :3] @ solids[1].vertices.mean(axis=0) + T[:3, 3]
     np.testing.assert_allclose(centre, data.geom("box").xpos, atol=1e-12)
     np.testing.assert_allclose(solids[4].vertices.mean(axis=0) + arm.pose[:3, 3], [2, 0, 0], atol=1e-12)
-
-
-def test_how_many_samples_are_drawn_is_said_in_english():
-    template = environment().get_template("replay.html").make_module({"prose": str})
-    names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
-    shown = dict.fromkeys(names, ())
-    for every, expected in ((1, False), (2, True)):
-        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == expected

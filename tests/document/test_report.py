@@ -18,23 +18,33 @@ TABLE = tabular.Table(
 )
 
 
-def test_csv_keeps_all_digits():
+def test_csv_keeps_all_digits_and_other_forms_those_that_are_shown():
     assert TABLE.csv() == "parameter,error,paper\nm_1,-1e-09,0.5\nIxx2,0.3333333333333333,-2.0\n"
-
-
-def test_markdown():
     assert TABLE.markdown() == (
         "**Errors, kg**\n\n"
         "| parameter | error | paper |\n| --- | ---: | ---: |\n| m_1 | 0.000 | 0.500 |\n| Ixx2 | 0.333 | -2.000 |\n"
     )
-
-
-def test_tex_is_escaped_and_complete():
     tex = print_table.tex(TABLE)
     assert r"$m_1$ & 0.000 & 0.500 \\" in tex
     assert r"\caption{Errors, kg.}" in tex
     assert r"\begin{tabular}{@{}lS[table-format=1.3]S[table-format=-1.3]@{}}" in tex
     assert tex.count(r"\begin") == tex.count(r"\end") == 3
+
+
+def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several():
+    many = tabular.Table("t", ("name", *map(str, range(40))), [("a", *[1.5] * 40)])
+    long = tabular.Table("t", ("name",), [(str(k),) for k in range(100)])
+    notes = {"marked": frozenset(["m2rz2"]), "footnote": "Why.", "notes": ("All.",), "bodies": ("a", "shank & foot")}
+    rows = [("m1", 1.0, "m1 + 0.425 m3"), ("m2rz2", 2e6, "m2rz2 - 2 Ixy3")]
+    wide = tabular.Table("t", ("parameter", "x", "regrouping"), rows, **notes)
+    one, floats, pages = (print_table.tex(each, "t") for each in (wide, many, long))
+    assert one.count(r"\begin{table*}") == 1
+    assert r"of \emph{shank \& foot} & \unit{\kilo\gram\metre} & 2.00e+06 & $m_{2}r_{z,2} - 2\,I_{xy,3}$ \\" in one
+    assert r"\item[*] Why." in one and r"\item All." in one
+    count = floats.count(r"\begin{table")
+    assert count > 2 and floats.count(r"\label") == 1
+    assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
+    assert pages.count(r"\toprule") == 2
 
 
 @pytest.mark.parametrize(
@@ -48,7 +58,6 @@ def test_tex_is_escaped_and_complete():
         ("coverage_95", "coverage, 95 %"),
         ("residual_rms", "residual RMS"),
         ("standard", "standard"),
-        ("full", "full"),
     ],
 )
 def test_headings_are_words_but_in_csv(name, words):
@@ -174,17 +183,14 @@ def test_spectra_are_welchs(samples):
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
 
 
-def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):
+def test_the_provenance_has_the_kernels_and_a_remark_where_they_are_slow(monkeypatch, tmp_path):
     own = provenance.provenance({})["linear_algebra"]
     assert own["openblas_kernels"] == provenance.kernels()
-    monkeypatch.setattr("experiments.document.provenance.kernels", lambda: {"scipy": "Haswell"})
-    monkeypatch.setattr("experiments.document.provenance.features", lambda: {"avx512f"})
-    made = provenance.provenance({})
-    assert made["linear_algebra"]["remark"].startswith("The OpenBLAS of scipy uses its kernels for Haswell")
-
-
-def test_without_openblas_or_a_list_of_features_nothing_is_said(monkeypatch, tmp_path):
     monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
     assert provenance.kernels() == {}
     monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
     assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None
+    monkeypatch.setattr(provenance, "kernels", lambda: {"scipy": "Haswell"})
+    monkeypatch.setattr(provenance, "features", lambda: {"avx512f"})
+    remark = provenance.provenance({})["linear_algebra"]["remark"]
+    assert remark.startswith("The OpenBLAS of scipy uses its kernels for Haswell")

@@ -7,8 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.reports.identify_figures import held_out_figure, parameters_figure
-from experiments.reports.identify_page import held_out_caption
+from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
 from ident.display import plots
 
 
@@ -58,3 +57,10 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
     assert not any(line.get_visible() for line in first.get_xgridlines())
+
+
+def test_coefficients_beside_base_parameters_are_offsets_of_channels(estimate):
+    parameters, rank = estimate.parameters, estimate.base.rank
+    assert len(estimate.offsets) == len(parameters) - rank > 0
+    assert {each.kind for each in parameters[:rank]} == {"base"} and parameters[0].unit.startswith("kg")
+    assert [(each.kind, each.body) for each in parameters[rank:]] == [("offset", each) for each in estimate.offsets]

@@ -11,7 +11,7 @@ from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
 from experiments.data import paper
-from experiments.document.sheet import SHEET
+from experiments.document.figures import SHEET
 from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers

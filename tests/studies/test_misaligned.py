@@ -12,7 +12,7 @@ from shared_studies import packaged_study
 from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
-from experiments.document.sheet import SHEET
+from experiments.document.figures import SHEET
 from experiments.reports import study_figures
 from experiments.studies import simulation
 from ident.errors import ExcitationError
