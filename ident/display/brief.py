@@ -6,12 +6,10 @@ from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ident.errors import InputError
-from ident.files.table import vector_columns
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
 WIDTH = 100
@@ -85,12 +83,15 @@ def frame_of(columns: Sequence[str], rows: Sequence[Sequence[Any]], index: int) 
     return imported_pandas().DataFrame.from_records(rows, columns=list(columns)).set_index(list(columns[:index]))
 
 
-def channels_frame(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> "pd.DataFrame":
+def channels_frame(time: "np.ndarray", channels: Mapping[str, "np.ndarray"]) -> "pd.DataFrame":
     """Data frame of channels (N,) or (N, d) by name, a column for each component, with the times as its index.
 
     Raises:
         InputError: pandas is not installed.
     """
+    # A command's help is printed without numpy.
+    from ident.files.table import vector_columns
+
     pd = imported_pandas()
     columns: dict[str, np.ndarray] = {}
     for name, x in channels.items():

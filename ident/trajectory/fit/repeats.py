@@ -12,7 +12,7 @@ instead of n σ²: n periods tell little more than one.
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import correlate
+from scipy import fft
 
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece
@@ -65,14 +65,14 @@ def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
         return np.inf
     x, there, spread = x[:, moves], there[:, moves].astype(float), spread[moves]
     x = np.where(there > 0, x - np.nanmean(x, axis=0), 0.0)
-    half = slice(len(x) - 1, len(x) - 1 + len(x) // 2)
+    half, size = len(x) // 2, fft.next_fast_len(2 * len(x), real=True)
+    of_pairs, of_squares, of_motion = (fft.rfft(signal, size, axis=0) for signal in (there, x**2, x))
 
     def lagged(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        pairs = [correlate(*pair, method="fft")[half] for pair in zip(a.T, b.T, strict=True)]
-        return np.array(pairs).T
+        return np.asarray(fft.irfft(a * b.conj(), size, axis=0)[:half])
 
-    pairs = np.maximum(lagged(there, there), 1.0)
-    squares = lagged(x**2, there) + lagged(there, x**2) - 2 * lagged(x, x)
+    pairs = np.maximum(lagged(of_pairs, of_pairs), 1.0)
+    squares = lagged(of_squares, of_pairs) + lagged(of_pairs, of_squares) - 2 * lagged(of_motion, of_motion)
     apart = np.where(
         pairs > FEWEST * there.sum(axis=0), squares / (2 * spread * pairs) - noise[moves] ** 2 / spread, np.inf
     )
