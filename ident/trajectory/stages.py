@@ -22,16 +22,15 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, length
 from ident.estimation.setup_parameters import SetupParameter
 from ident.trajectory.alternatives import better, correlated, residual
+from ident.trajectory.bounded_fits import physical_fit, with_positive
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.positive_drives import with_positive
 from ident.trajectory.fit.repeats import period, repetition
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
-from ident.trajectory.physical import physical_fit
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched

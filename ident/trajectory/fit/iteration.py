@@ -111,8 +111,9 @@ def fit(
     every, prior = [np.arange(len(free))] * len(pieces), start.prior or prior
     run = map if executor is None else executor.map
     sent = measurement if executor is None else cast(Measurement, _Sent(measurement))
-    problem = _Problem(sent, pieces, prior, free, names or measurement.names, selections or every, run)
-    iteration = _Iteration(problem, coloured, kept, explore, settled, start)
+    indices = names or measurement.names, selections or every
+    problem = _Problem(sent, pieces, prior, free, *indices, run, coloured, kept, explore, settled)
+    iteration = _Iteration(problem, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
     shares = problem.shares(at) if len(free) and not (explore and status != "interrupted") else []
@@ -128,18 +129,8 @@ class _Iteration:
         trace: Largest step of θ of every round, in standard deviations.
     """
 
-    def __init__(
-        self,
-        problem: "_Problem",
-        coloured: bool,
-        kept: Collection[str],
-        explore: bool,
-        settled: Tolerance,
-        start: Start,
-    ) -> None:
-        self.at, self.trace = start, list[float]()
-        self._problem, self._coloured, self._kept = problem, coloured, kept
-        self._explore, self._settled = explore, settled
+    def __init__(self, problem: "_Problem", start: Start) -> None:
+        self.at, self.trace, self._problem = start, list[float](), problem
         self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
         self._stalled = 0
 
@@ -170,25 +161,26 @@ class _Iteration:
         self._stalled = 0 if moved is not at else self._stalled + 1
         both = list(zip(noises, at.noises, strict=True))
         self.at = replace(moved, noises=noises)
-        if self._explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
+        if problem.explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
             return "near"
-        if (self._coloured and not self._was_coloured) or not max(new.change(old) for new, old in both) < SETTLED_NOISE:
+        changed = max(new.change(old) for new, old in both)
+        if (problem.coloured and not self._was_coloured) or not changed < SETTLED_NOISE:
             return ""
         last = self.trace[-1], _motion(problem.pieces, at, moves)
-        if not self._settled.holds(*last):
+        if not problem.settled.holds(*last):
             return ""
         return "converged" if SETTLED.holds(*last) else "near"
 
     def _renewed(self, before: Sequence[Noise], parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> list[Noise]:
         """Noise of every recording updated after a step."""
         near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
-        self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
+        self._now_coloured = self._problem.coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         out = list[Noise]()
         for log, old in enumerate(before):
             own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
             new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
             new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
-            out.append(replace(new, **{name: getattr(old, name) for name in self._kept}))
+            out.append(replace(new, **{name: getattr(old, name) for name in self._problem.kept}))
         return out
 
 
@@ -216,7 +208,7 @@ def _unpacked(packed: bytes) -> Measurement:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Minimisation problem over all pieces."""
+    """Minimisation problem over all pieces, and what `fit` is asked for."""
 
     measurement: Measurement
     pieces: Sequence[Piece]
@@ -225,6 +217,10 @@ class _Problem:
     names: Sequence[str]
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
+    coloured: bool
+    kept: Collection[str]
+    explore: bool
+    settled: Tolerance
 
     def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None) -> list[Linearised]:
         """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.

@@ -11,11 +11,11 @@ from scipy.optimize import lsq_linear
 
 from ident.estimation.preparation import Part, prepared
 from ident.trajectory import stages
+from ident.trajectory.bounded_fits import with_positive
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import Noise
-from ident.trajectory.fit.positive_drives import with_positive
 from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 
