@@ -14,6 +14,7 @@ from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
+from ident.trajectory.fit.repeats import repeating
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -33,6 +34,9 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
+
+REPEATED = 2.0
+"""Variance of the sum of what is not explained, over that of independent periods, from which it is a remark."""
 
 OF_THE_MOTION = 0.5
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
@@ -75,6 +79,14 @@ def own_findings(evidence: Evidence) -> Iterator[Finding]:
     each = np.array([joint.parameters_of(k)[: len(names)] for k in range(len(joint.counts))])
     if own := {name: tuple(x.tolist()) for name, x in zip(names, each.T, strict=True) if np.ptp(x) > 0}:
         yield Finding.of("own_in_logs", values=own)
+
+
+def repetition_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on motions that repeat together with what is not explained."""
+    if evidence.trajectory is not None:
+        every = repeating(evidence.trajectory.measurement, evidence.trajectory.fit)
+        if periods := tuple(T for T, variance in every.values() if variance > REPEATED):
+            yield Finding.of("motion_repeats", periods=periods)
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -282,7 +282,13 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(masses.weight_findings, masses.offset_findings, torques.torque_findings, torques.cause_findings),
     *(torques.scale_findings, torques.friction_findings, torques.drive_findings, recorded.plane_findings),
     *(fit.quality_findings, recorded.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
-    *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
+    *(
+        fit.repetition_findings,
+        fit.prior_findings,
+        fit.model_error_findings,
+        unmodelled_findings,
+        fit.slow_residual_findings,
+    ),
     *(fit.posture_findings, masses.inseparable_findings, recorded.stuck_findings, recorded.unchecked_findings),
     fit.caveats,
 )

@@ -6,15 +6,13 @@ correlated noise by correlated residuals, and friction and offsets of each recor
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy import special
 
 from ident.errors import ExcitationError
-from ident.estimation.measurement import Measurement
 from ident.tolerances import SIGNIFICANT
-from ident.trajectory.fit.piece import Piece, predicted
+from ident.trajectory.fit.piece import residual
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.fit.restricted_likelihood import TINIEST
 from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
@@ -76,11 +74,6 @@ def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
     seen = values > 1e-9 * values[-1]
     z = (axes.T @ (score / size))[seen] / np.sqrt(values[seen])
     return bool((z**2).sum() > special.chdtri(seen.sum(), SIGNIFICANT))
-
-
-def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Measured less predicted channels of a piece (M, C)."""
-    return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
 
 
 def correlated(estimate: TrajectoryEstimate) -> np.ndarray:

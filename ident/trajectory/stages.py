@@ -21,14 +21,14 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, length
 from ident.estimation.setup_parameters import SetupParameter
-from ident.trajectory.alternatives import better, correlated, residual
+from ident.trajectory.alternatives import better, correlated
 from ident.trajectory.bounded_fits import physical_fit, with_positive
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
-from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.repeats import period, repetition
+from ident.trajectory.fit.piece import Piece, residual
+from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.result import TrajectoryEstimate
@@ -269,15 +269,8 @@ class Stages:
 
     def _repeats(self, estimate: TrajectoryEstimate) -> bool:
         """True if pieces repeat motions and what is left of them, so that each predicts the others' errors as well."""
-        fit, counts = estimate.fit, list[np.ndarray]()
-        places = [
-            (piece, residual(self.measurement, piece, c, fit.theta[own]))
-            for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True)
-        ]
-        for log, noise in enumerate(fit.noises):
-            own, left = zip(*(place for place in places if place[0].log == log), strict=True)
-            counts.append(repetition([piece.when for piece in own], left, period(own, noise.states)))
-        return float(np.median(counts)) > OVERRATED
+        repeated = repeating(self.measurement, estimate.fit)
+        return len(repeated) == len(estimate.counts) and all(variance > OVERRATED for _, variance in repeated.values())
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""

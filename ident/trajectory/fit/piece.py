@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -187,3 +187,8 @@ def predicted(
     values = measurement.of_contacts if of_contacts else measurement.values
     parts = [values(motion(when)[:3], piece.wrenches, theta)[own] for own, when in clocks(measurement, piece, theta)]
     return np.concatenate(parts).T
+
+
+def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Measured less predicted channels of a piece (M, C)."""
+    return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)

@@ -14,8 +14,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import fft
 
+from ident.estimation.measurement import Measurement
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.response import Response
 
 SAME, OTHER = 0.01, 0.25
@@ -47,6 +48,18 @@ def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[l
                 for each in streams
             ]
         )
+    return out
+
+
+def repeating(measurement: Measurement, fit: TrajectoryFit) -> dict[int, tuple[float, float]]:
+    """Period, s, and repetition of the channels, their median, of the recordings whose motions repeat, by index."""
+    out = dict[int, tuple[float, float]]()
+    for log, noise in enumerate(fit.noises):
+        every = zip(fit.pieces, fit.coefficients, fit.selections, strict=True)
+        own = [(piece, c, fit.theta[at]) for piece, c, at in every if piece.log == log]
+        if (T := period([piece for piece, *_ in own], noise.states)) < np.inf:
+            left = [residual(measurement, *place) for place in own]
+            out[log] = T, float(np.median(repetition([piece.when for piece, *_ in own], left, T)))
     return out
 
 

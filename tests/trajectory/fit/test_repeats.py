@@ -86,4 +86,7 @@ def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least
 
 @pytest.mark.parametrize(("size", "heavier", "taken"), [(0.0, 1.0, False), (0.02, 1.0, True), (0.02, 2.5, False)])
 def test_bodies_are_a_prior_where_pieces_repeat_their_errors_unless_they_are_wrong(size, heavier, taken):
-    assert estimated(5, size, None, heavier).trajectory.known == taken
+    estimate = estimated(5, size, None, heavier)
+    assert estimate.trajectory.known == taken
+    found = [each.values["periods"] for each in estimate.findings if each.code == "motion_repeats"]
+    assert found == ([] if not size else [(pytest.approx(PERIOD, abs=0.021),)])
