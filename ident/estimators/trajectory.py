@@ -79,7 +79,7 @@ def trajectory(problem: Problem) -> Estimate:
     # All are compared in units of the channels as the estimate has them.
     scales = result.measurement.torque_gains(result.parameters_of(0))
     rivals = {name: predictions.of(each, result.as_stated()).residual / scales for name, each in others.items()}
-    asked = result.search.deviations or beyond_fast_noise(result.fit, first.channels)
+    asked = result.search.deviations or beyond_fast_noise(result, first.channels)
     return Estimate(
         logs=logs,
         fit=fit,

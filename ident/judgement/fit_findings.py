@@ -162,6 +162,6 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
     if evidence.trajectory is None:
         return
-    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
+    if large := beyond_fast_noise(evidence.trajectory, evidence.channels):
         every = 1 < len(large) == len(evidence.channels)
         yield Finding.of("residual_above_fast_noise", factors=large, all_channels=every)

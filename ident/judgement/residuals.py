@@ -13,7 +13,8 @@ from ident.mechanism.motion import Motion
 from ident.recordings.resolution import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
 from ident.tolerances import LEFT, POOR, SIGNIFICANT
-from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.trajectory.left_out import of_contacts
+from ident.trajectory.result import TrajectoryEstimate
 
 ENOUGH = 3000
 """Largest number of samples, evenly spread, in which residuals are compared with the motion."""
@@ -153,15 +154,17 @@ def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
     return {channel: idle[channel] for channel, ratio in ratios if channel in idle and POOR < ratio <= LEFT}
 
 
-def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
+def beyond_fast_noise(joint: TrajectoryEstimate, channels: Sequence[str]) -> dict[str, float]:
     """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
-    number = len(fit.channel_noise[: len(channels)])
-    fast, floor = fast_noise(fit, range(number)), fit.noises[0].floor_channels[:number]
-    far = fit.channel_noise[:number] > FAR_ABOVE * np.maximum(fast, floor)
-    factors = fit.channel_noise[:number] / np.maximum(fast, 1e-300)
-    return {channels[c]: float(factors[c]) for c in np.flatnonzero(far).tolist()}
+    fit, number = joint.fit, len(joint.fit.channel_noise[: len(channels)])
+    noise, floor = fit.channel_noise[:number], fit.noises[0].floor_channels[:number]
+    times = noise / np.maximum(fast_noise(joint, range(number)), floor)
+    return {channels[c]: float(times[c]) for c in np.flatnonzero(times > FAR_ABOVE).tolist()}
 
 
-def fast_noise(fit: TrajectoryFit, columns: Iterable[int]) -> np.ndarray:
-    """Noise of channels from sample to sample (k,)."""
-    return np.array([white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in columns])
+def fast_noise(joint: TrajectoryEstimate, columns: Iterable[int]) -> np.ndarray:
+    """Noise of channels from sample to sample, contacts included (k,)."""
+    fit = joint.fit
+    own = zip(fit.pieces, fit.selections, strict=True)
+    signals = [piece.measured - of_contacts(joint.measurement, piece, fit.theta[at]) for piece, at in own]
+    return np.array([white_noise(*(x[:, c] for x in signals), robust=True) for c in columns])

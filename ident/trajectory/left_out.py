@@ -69,7 +69,8 @@ def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.nd
     """
     names = measurement.equations.channels
     own = zip(fit.pieces, fit.selections, strict=True)
-    scales = channel_scales([_signal(measurement, piece, fit.theta[at])[:, : len(names)] for piece, at in own], names)
+    signals = [piece.signal - of_contacts(measurement, piece, fit.theta[at]) for piece, at in own]
+    scales = channel_scales(signals, names)[: len(names)]
     try:
         thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
     except ExcitationError:
@@ -90,12 +91,12 @@ def clearly_less(usual: np.ndarray, others: np.ndarray, margin: float = CLEARLY)
     return bool(explained.any() and np.log(others[explained]).mean() < np.log(usual[explained]).mean() - margin)
 
 
-def _signal(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
-    """Channels of a piece without the contacts' part: where nothing else carries, their sum is zero (M, C)."""
+def of_contacts(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray | float:
+    """The contacts' part of a piece's channels (M, C): where nothing else carries, the channels without it are zero."""
     if not measurement.contacts:
-        return piece.signal
+        return 0.0
     motion = motion_alone(piece, measurement, theta, SMOOTHING[0]).evaluate
-    return piece.signal - predicted(measurement, piece, motion, theta, of_contacts=True)
+    return predicted(measurement, piece, motion, theta, of_contacts=True)
 
 
 def _squares(

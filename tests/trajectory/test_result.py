@@ -15,6 +15,7 @@ from docs.tools.noise.recordings import noisy_recording
 from ident.estimation.preparation import prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.identification import identified
+from ident.judgement.residuals import fast_noise
 from ident.parameters.prior import known_covariance
 from ident.trajectory.corrected import _root_of_inverse
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
@@ -206,8 +207,13 @@ def test_white_weights_are_kept_unless_others_predict_clearly_better():
     assert not clearly_less(np.ones(2), np.ones(2))
 
 
-def test_left_out_pieces_of_somebody_on_plates_alone_have_the_size_of_what_the_plates_carry():
+def test_noise_and_left_out_pieces_of_somebody_on_plates_alone_have_the_size_of_what_the_plates_carry():
     """Nothing else carries, so that the sum of all wrenches is zero."""
-    estimate = persons.briefly().estimate.trajectory
-    errors = prediction_errors(estimate.measurement, estimate.fit, np.full(6, np.inf))
+    estimate = persons.briefly().estimate
+    joint = estimate.trajectory
+    errors = prediction_errors(joint.measurement, joint.fit, np.full(6, np.inf))
     assert (errors < 0.5).any()
+    noise = fast_noise(joint, range(6))
+    # Moments have that of the pelvis's place besides, about which they are.
+    assert ((noise[:3] > 1.5) & (noise[:3] < 3)).all() and ((noise[3:] > 0.15) & (noise[3:] < 3)).all()
+    assert not any(each.code == "residual_above_fast_noise" for each in estimate.findings)
