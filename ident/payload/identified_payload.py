@@ -104,12 +104,11 @@ class Payload(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         values, _, std, identifiable, _ = self.in_frame()
-        rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
-        known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
+        rows = list(zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True))
         return {
             "of": self.title,
-            "values": listed(known),
-            "not identifiable": listed(np.array(QUANTITIES)[~identifiable].tolist()),
+            "values": listed(f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen),
+            "not identifiable": listed(name for name, *_, seen in rows if not seen),
             "verdict": str(self.verdict()),
         }
 
@@ -196,8 +195,8 @@ class Payload(Brief):
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
         joint, fit, std = self.estimate.trajectory, self.estimate.fit, np.sqrt(np.diag(self.estimate.covariance_setup))
-        columns = [each[self.estimate.base.rank :] for each in (fit.names, fit.values.tolist(), std.tolist())]
-        out = [SensorParameter(name, value, s, True) for name, value, s in zip(*columns, strict=True)]
+        rows = list(zip(fit.names, fit.values.tolist(), std.tolist(), strict=True))
+        out = [SensorParameter(*row, True) for row in rows[self.estimate.base.rank :]]
         if joint is None:
             return out
         at = np.flatnonzero(joint.is_setup)
@@ -228,9 +227,8 @@ class Payload(Brief):
             ModelError: The robot's model has no masses.
         """
         phi = self.robot.known.reshape(-1, 10).copy()
-        part = self.estimate.prepared.mechanism
-        for name, own in zip(part.bodies, self.physical.phi.reshape(-1, 10), strict=True):
-            phi[self.robot.bodies.index(name)] = own
+        bodies = self.estimate.prepared.mechanism.bodies
+        phi[[self.robot.bodies.index(name) for name in bodies]] = self.physical.phi.reshape(-1, 10)
         return phi.ravel()
 
     def place_of(self, name: str) -> np.ndarray:
@@ -269,8 +267,7 @@ def pose_of_body(robot: Mechanism, body: str, other: str, what: str) -> np.ndarr
     for name in (body, other):
         if name not in tree.names:
             raise InputError(f"There is no body '{name}' for {what}; the bodies are {', '.join(tree.names)}.")
-    q = np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies)))
-    poses = tree.poses(q)
+    poses = tree.poses(np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies))))
     T = inverse(poses[:, tree.names.index(body)]) @ poses[:, tree.names.index(other)]
     if not np.allclose(T[0], T[1], atol=1e-9):
         raise InputError(f"{what[0].upper()}{what[1:]} is on '{other}', which does not move with '{body}'.")
