@@ -5,13 +5,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import linalg
 
 from ident.display.brief import Brief, listed
 from ident.display.text import rounded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.setup_parameters import SetupParameter
-from ident.geometry.inertia import com_from_parameters, entries, parameter_transform
+from ident.geometry.inertia import com_from_parameters, entries, parameter_transform, pseudo_inertia
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
@@ -211,9 +212,28 @@ class Payload(Brief):
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the payload, the doubts first."""
-        body, prior = self.in_frame(), self.robot.prior
-        robot = None if prior is None else self.robot.mass
-        return payload_findings(self.estimate, float(body.values[0]), robot, body.identifiable, self.sensor)
+        body, robot = self.in_frame(), None if self.robot.prior is None else self.robot.mass
+        least = self._least_moment() if body.identifiable[4:].any() else None
+        return payload_findings(self.estimate, float(body.values[0]), robot, body.identifiable, self.sensor, least)
+
+    def _least_moment(self) -> tuple[np.ndarray, float, float]:
+        """Axis of the smallest central moment of inertia, its relative standard deviation and the prior's share.
+
+        The share is the part of a change of the data by which the value moves less.
+        """
+        own = pseudo_inertia(self.physical.phi.reshape(-1, 10))
+        M = np.linalg.solve(own[:, None], pseudo_inertia(np.eye(10)))
+        # Near these bodies their prior is one of precision tr(J⁻¹ dJ J⁻¹ dJ).
+        R = self._whole.regroup(np.eye(10 * len(own)))
+        P = GUESSED**2 * R.T @ linalg.block_diag(*np.linalg.inv(np.einsum("baij,bcji->bac", M, M))) @ R
+        _, centre, inertia = com_from_parameters(self._phi)
+        moments, axes = np.linalg.eigh(inertia)
+        n, (C, wider) = axes[:, 0], self._covariances
+        off = centre - n * (n @ centre)
+        gradient = np.r_[off @ off, -2 * off, entries(np.outer(n, n)) * np.repeat([1, 2], 3)]
+        noise = C @ gradient
+        share = noise @ np.linalg.solve(C + P, noise) / (gradient @ noise)
+        return n, float(np.sqrt(gradient @ wider @ gradient) / moments[0]), float(share)
 
     def verdict(self) -> PayloadVerdict:
         """Verdict on the payload with its standard deviations; a sentence when printed."""
