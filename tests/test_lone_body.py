@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coded import coded
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from written_formats import write_csv
@@ -16,6 +17,7 @@ import ident
 from experiments import payload as command
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import consistent_parameters
+from ident.payload.identified_payload import GUESSED
 from ident.recordings.log import read_log
 
 MASS, CENTRE, INERTIA = 0.8, np.array([0.02, -0.03, 0.12]), np.diag([6e-3, 5e-3, 2e-3])
@@ -95,6 +97,28 @@ def test_intervals_are_those_of_the_data_without_what_no_body_can_have():
         open_ = wide.in_frame()
     assert (open_.intervals[[0, 4, 5, 6], 0] == 0).all() and not open_.identifiable[4:7].any()
     assert (open_.intervals[:, 0] <= open_.values).all() and (open_.values <= open_.intervals[:, 1]).all()
+
+
+def test_the_prior_s_share_in_the_smallest_moment_is_what_a_change_of_the_data_does_not_move(monkeypatch):
+    payload = replace(identified(0))
+    part, estimate, C = payload.estimate.prepared.mechanism, payload.estimate, 1e4 * payload._covariances[0]
+
+    def physical(psi):
+        covariance = 1e4 * estimate.covariance
+        return consistent_parameters(psi, covariance, estimate.base, part.known, bodies=part.bodies, width=GUESSED)
+
+    payload.__dict__["physical"] = physical(estimate.psi)
+    monkeypatch.setattr(type(payload), "_covariances", (C, C))
+    axis, std, prior = payload._least_moment()
+    centre = payload.in_frame().values[1:4]
+    off = centre - axis * (axis @ centre)
+    gradient = np.r_[off @ off, -2 * off, axis**2, 2 * axis[[0, 0, 1]] * axis[[1, 2, 2]]]
+    change = 1e-2 * C @ gradient / np.sqrt(gradient @ C @ gradient)
+    ahead, behind = (physical(estimate.psi + step).phi for step in (change[payload._seen], -change[payload._seen]))
+    assert gradient @ (ahead - behind) / (2 * gradient @ change) == pytest.approx(1 - prior, rel=1e-3)
+    assert 0.1 < prior < 0.9
+    (finding,) = coded(payload, "payload_axis_rough")
+    assert finding.values["std"] == std > 0.1 and not finding.doubt
 
 
 @pytest.mark.parametrize(("rpy", "sign"), [((0, 40, 0), -1), pytest.param((180, 0, 0), 1, marks=pytest.mark.slow)])

@@ -27,6 +27,9 @@ INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 SHOWN = 3.0
 """Standard deviations of a load's mass above zero from which the recordings show it."""
 
+ROUGH = 0.1
+"""Relative standard deviation of the smallest moment of inertia from which there is a remark."""
+
 TIMES, HEAVIEST = 10.0, 2300.0
 """Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry up to what
 they weigh, but some models have the last links or the gripper alone; the strongest on the market carries 2300 kg."""
@@ -39,7 +42,12 @@ JUDGES = (
 
 
 def payload_findings(
-    evidence: Evidence, mass: float, robot: float | None, identifiable: np.ndarray, sensor: str
+    evidence: Evidence,
+    mass: float,
+    robot: float | None,
+    identifiable: np.ndarray,
+    sensor: str,
+    least: tuple[np.ndarray, float, float] | None = None,
 ) -> list[Finding]:
     """Findings on a payload, the doubts first.
 
@@ -49,6 +57,8 @@ def payload_findings(
         robot: Mass of all bodies of the robot's model, kg; None without one.
         identifiable: Which of mass, centre of mass and inertias the data determine (10,).
         sensor: Name of the wrench.
+        least: Axis of its smallest moment of inertia, relative standard deviation and the prior's share of that; None
+            if the data determine no inertia.
     """
     on_fit = [
         *force_findings(evidence),
@@ -59,7 +69,11 @@ def payload_findings(
         far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
         on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
-    return doubts_first([*on_fit, *_undetermined(identifiable[:4], identifiable)])
+    on_fit += _undetermined(identifiable[:4], identifiable)
+    if least is not None and least[1] > ROUGH:
+        (x, y, z), std, prior = least[0].tolist(), *least[1:]
+        on_fit.append(Finding.of("payload_axis_rough", x=x, y=y, z=z, std=std, prior=prior))
+    return doubts_first(on_fit)
 
 
 def load_findings(

@@ -269,34 +269,31 @@ def identify_payload(
     robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
     robot = mounted(robot, recordings[0])
     part = beyond(robot, recordings, body)
-    logged = {joint for joint in part.tree.joints if any(f"{joint}_position" in each.measured for each in recordings)}
-    part = part.closed([joint for joint in part.tree.joints if joint not in logged])
+    logged = set().union(*(each.measured for each in recordings))
+    part = part.closed([joint for joint in part.tree.joints if f"{joint}_position" not in logged])
     if part.tree.joints:
         raise InputError(
             f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "
             "(--fix)."
         )
     places, recordings, more = zip(*(on_payload(robot, part, each, body, sensor) for each in recordings), strict=True)
-    notes = [*dict.fromkeys(note for several in more for note in several)]
+    notes = [note for note in dict.fromkeys(more) if note]
     if len({each.still for each in recordings}) > 1:
         raise InputError("Logs of poses at rest and logs of motions are identified apart; take one kind.")
     if slow := [each for each in recordings if 1 / each.rate >= SLOW and not each.still]:
         raise InputError(f"A motion with a sample every {1 / slow[0].rate:g} s shows no payload.{POSES}")
     massless = replace(part, prior=np.zeros(10 * len(part.bodies)))
-    ready = [prepared(massless, each, filters=False) for each in recordings]
-    weighed = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
-    part = replace(part, prior=likely(part, weighed, places[0]))
+    first = prepared(massless, recordings[0], filters=False)
+    part = replace(part, prior=likely(part, weighing(first, sensor, recordings[0].sensors[GROUND]), places[0]))
     ready = [prepared(part, each, filters=False) for each in recordings]
-    fitting: dict[str, Any] = {"offsets": offsets, "holdout": holdout, "report": report}
-    deviations = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", setup or {}, PRIORS)}
+    fitting: dict[str, Any] = {"offsets": offsets, "holdout": holdout, "report": report, "known": known(part)}
+    fitting["setup"] = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", setup or {}, PRIORS)}
     if recordings[0].still:
         # Of 40 simulations of 10 poses, 94 % of the intervals held, with .4 of the poses held out 77 %.
-        fitting |= {"estimator": "weighted", "holdout": 0.0}
-        notes.append(
+        fitting |= {"estimator": "weighted", "holdout": 0.0, "known": None, "setup": None}
+        notes += [
             "Poses at rest: all are fitted and judged by; the sensor's place, axes and gains are taken as stated."
-        )
-    else:
-        fitting |= {"setup": deviations, "known": known(part)}
+        ]
     estimate = identified(ready, **fitting)
     # The prior is the weighed body instead of the model, so that the model is no rival.
     estimate = replace(estimate, held_out=replace(estimate.held_out, rivals={}))
@@ -323,8 +320,8 @@ def beyond(robot: Mechanism, recordings: Sequence[Recording], body: str) -> Mech
 
 def on_payload(
     robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
-) -> tuple[np.ndarray, Recording, list[str]]:
-    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and notes."""
+) -> tuple[np.ndarray, Recording, str]:
+    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and a note, if any."""
     if sensor not in recording.wrenches:
         known = ", ".join(f"'{name}'" for name in recording.wrenches) or "none"
         raise LogError(
@@ -336,21 +333,14 @@ def on_payload(
     if stated.body is not None:
         place = pose_of_body(robot, body, stated.body, f"the wrench '{sensor}'") @ place
     on_it = stated.body is None or stated.body in part.tree.names
-    left_out = [name for name in recording.wrenches if name != sensor]
+    left_out = ", ".join(name for name in recording.wrenches if name != sensor)
     kept = [BASE, *(f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration"))]
     names = {name: name for name in kept} | {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")}
-
-    def renamed(channels: Mapping[str, Any]) -> dict[str, Any]:
-        return {new: channels[name] for name, new in names.items() if name in channels}
-
-    alone = replace(
-        recording,
-        measured=renamed(recording.measured),
-        true={},
-        units=renamed(recording.units),
-        noise=renamed(recording.noise),
-        sensors={GROUND: Sensor(None, place, stated.applied_to_link is on_it)},
-        streams=renamed(recording.streams),
-    )
-    sentence = f"Wrenches besides '{sensor}' were left out: {', '.join(left_out)}."
-    return place, alone, [sentence] if left_out else []
+    own: dict[str, Any] = {
+        kind: {new: x[name] for name, new in names.items() if name in x}
+        for kind in ("measured", "units", "noise", "streams")
+        for x in [getattr(recording, kind)]
+    }
+    sensors = {GROUND: Sensor(None, place, stated.applied_to_link is on_it)}
+    note = f"Wrenches besides '{sensor}' were left out: {left_out}." if left_out else ""
+    return place, replace(recording, **own, true={}, sensors=sensors), note

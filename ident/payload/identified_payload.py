@@ -5,13 +5,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import linalg
 
 from ident.display.brief import Brief, listed
 from ident.display.text import rounded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.setup_parameters import SetupParameter
-from ident.geometry.inertia import com_from_parameters, entries, parameter_transform
+from ident.geometry.inertia import com_from_parameters, entries, parameter_transform, pseudo_inertia
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
@@ -104,12 +105,11 @@ class Payload(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         values, _, std, identifiable, _ = self.in_frame()
-        rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
-        known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
+        rows = list(zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True))
         return {
             "of": self.title,
-            "values": listed(known),
-            "not identifiable": listed(np.array(QUANTITIES)[~identifiable].tolist()),
+            "values": listed(f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen),
+            "not identifiable": listed(name for name, *_, seen in rows if not seen),
             "verdict": str(self.verdict()),
         }
 
@@ -196,8 +196,8 @@ class Payload(Brief):
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
         joint, fit, std = self.estimate.trajectory, self.estimate.fit, np.sqrt(np.diag(self.estimate.covariance_setup))
-        columns = [each[self.estimate.base.rank :] for each in (fit.names, fit.values.tolist(), std.tolist())]
-        out = [SensorParameter(name, value, s, True) for name, value, s in zip(*columns, strict=True)]
+        rows = list(zip(fit.names, fit.values.tolist(), std.tolist(), strict=True))
+        out = [SensorParameter(*row, True) for row in rows[self.estimate.base.rank :]]
         if joint is None:
             return out
         at = np.flatnonzero(joint.is_setup)
@@ -212,9 +212,28 @@ class Payload(Brief):
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the payload, the doubts first."""
-        body, prior = self.in_frame(), self.robot.prior
-        robot = None if prior is None else self.robot.mass
-        return payload_findings(self.estimate, float(body.values[0]), robot, body.identifiable, self.sensor)
+        body, robot = self.in_frame(), None if self.robot.prior is None else self.robot.mass
+        least = self._least_moment() if body.identifiable[4:].any() else None
+        return payload_findings(self.estimate, float(body.values[0]), robot, body.identifiable, self.sensor, least)
+
+    def _least_moment(self) -> tuple[np.ndarray, float, float]:
+        """Axis of the smallest central moment of inertia, its relative standard deviation and the prior's share.
+
+        The share is the part of a change of the data by which the value moves less.
+        """
+        own = pseudo_inertia(self.physical.phi.reshape(-1, 10))
+        M = np.linalg.solve(own[:, None], pseudo_inertia(np.eye(10)))
+        # Near these bodies their prior is one of precision tr(J⁻¹ dJ J⁻¹ dJ).
+        R = self._whole.regroup(np.eye(10 * len(own)))
+        P = GUESSED**2 * R.T @ linalg.block_diag(*np.linalg.inv(np.einsum("baij,bcji->bac", M, M))) @ R
+        _, centre, inertia = com_from_parameters(self._phi)
+        moments, axes = np.linalg.eigh(inertia)
+        n, (C, wider) = axes[:, 0], self._covariances
+        off = centre - n * (n @ centre)
+        gradient = np.r_[off @ off, -2 * off, entries(np.outer(n, n)) * np.repeat([1, 2], 3)]
+        noise = C @ gradient
+        share = noise @ np.linalg.solve(C + P, noise) / (gradient @ noise)
+        return n, float(np.sqrt(gradient @ wider @ gradient) / moments[0]), float(share)
 
     def verdict(self) -> PayloadVerdict:
         """Verdict on the payload with its standard deviations; a sentence when printed."""
@@ -228,9 +247,8 @@ class Payload(Brief):
             ModelError: The robot's model has no masses.
         """
         phi = self.robot.known.reshape(-1, 10).copy()
-        part = self.estimate.prepared.mechanism
-        for name, own in zip(part.bodies, self.physical.phi.reshape(-1, 10), strict=True):
-            phi[self.robot.bodies.index(name)] = own
+        bodies = self.estimate.prepared.mechanism.bodies
+        phi[[self.robot.bodies.index(name) for name in bodies]] = self.physical.phi.reshape(-1, 10)
         return phi.ravel()
 
     def place_of(self, name: str) -> np.ndarray:
@@ -269,8 +287,7 @@ def pose_of_body(robot: Mechanism, body: str, other: str, what: str) -> np.ndarr
     for name in (body, other):
         if name not in tree.names:
             raise InputError(f"There is no body '{name}' for {what}; the bodies are {', '.join(tree.names)}.")
-    q = np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies)))
-    poses = tree.poses(q)
+    poses = tree.poses(np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies))))
     T = inverse(poses[:, tree.names.index(body)]) @ poses[:, tree.names.index(other)]
     if not np.allclose(T[0], T[1], atol=1e-9):
         raise InputError(f"{what[0].upper()}{what[1:]} is on '{other}', which does not move with '{body}'.")

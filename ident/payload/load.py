@@ -94,12 +94,11 @@ def differing(
         columns: Base parameters of a unit of each of the load's parameters (r, 10).
         joint: The estimate of both.
     """
-    first, last = (_as_stated(each, _stated(each)) for each in (without, loaded))
+    first, last = (_as_stated(each) for each in (without, loaded))
     shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
     at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
     i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
-    design = np.zeros((len(first.theta), 10))
-    design[: len(columns)] = columns
+    design = np.pad(columns, ((0, len(first.theta) - len(columns)), (0, 0)))
     root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)])
     sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
     left, X = sides[:, 0], sides[:, 1:]
@@ -112,29 +111,25 @@ def _joined(
 ) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
     A, B, names = _maps(without, loaded, columns, apart)
-    first, last = (_as_stated(each, _stated(each)) for each in (without, loaded))
-    at, count = slice(10, 10 + len(first.theta)), len(names)
-    scales = np.flatnonzero(_scales(without) @ A)
+    first, last = fits = [_as_stated(each) for each in (without, loaded)]
+    end, scales = 10 + len(first.theta), np.flatnonzero(_scales(without) @ A)
     # What both share has its prior once.
-    alone = np.flatnonzero(B[:, at.stop :].any(axis=1))
+    alone = np.flatnonzero(B[:, end:].any(axis=1))
     own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
-    precision, mean = linalg.block_diag(*own), np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
-    free, bound = (
-        np.any([np.abs(mask @ T) > 0 for mask, T in zip(masks, (A, B), strict=True)], axis=0)
-        for masks in ((first.free, last.free), (first.bound, last.bound))
-    )
+    mean = np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
+    maps = list(zip(fits, (A, B), strict=True))
     # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
-    free[:10] = True
+    free = np.any([np.arange(len(names)) < 10, *(fit.free @ np.abs(T) > 0 for fit, T in maps)], axis=0)
     fit = replace(
         first,
         names=names,
-        prior=Prior(mean, precision, first.prior.weight),
-        theta=np.zeros(count),
+        prior=Prior(mean, linalg.block_diag(*own), first.prior.weight),
+        theta=np.zeros(len(names)),
         free=free,
-        bounded=bound & ~free,
+        bounded=np.any([fit.bound @ np.abs(T) > 0 for fit, T in maps], axis=0) & ~free,
         # About z = 0.
-        shares=[(T.T @ P @ T, T.T @ (g + P @ fit.theta)) for fit, T in ((first, A), (last, B)) for P, g in fit.shares],
-        scatters=[T.T @ M @ T for fit, T in ((first, A), (last, B)) for M in fit.scatter_shares],
+        shares=[(T.T @ P @ T, T.T @ (g + P @ fit.theta)) for fit, T in maps for P, g in fit.shares],
+        scatters=[T.T @ M @ T for fit, T in maps for M in fit.scatter_shares],
     )
     solved, cost = fit, 0.0
     for _ in range(STEPS if load.mean.any() and len(scales) else 1):
@@ -142,24 +137,24 @@ def _joined(
     places = {name: k for k, name in enumerate(names)}
     setup = {places[each.name]: each for each in without.setup.values()}
     setup |= {places[name]: each for each in loaded.setup.values() if (name := each.name + LOADED) in places}
-    joint = replace(without, search=replace(without.search, fit=solved), setup=setup)
-    scaled = np.r_[np.ones(10, bool), _stated(without), np.zeros(count - at.stop, bool)]
-    return replace(joint, search=replace(joint.search, fit=_as_stated(joint, scaled, back=True))), cost
+    joint = replace(without.with_fit(solved), setup=setup)
+    scaled = np.r_[np.ones(10, bool), _stated(without), np.zeros(len(names) - end, bool)]
+    return joint.with_fit(_as_stated(joint, back=scaled)), cost
 
 
 def _maps(
     without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, own: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Matrices from all parameters to those of either estimate, (p, q) and (p', q), and the names of all (q,)."""
-    first, last, measurement = without.fit.names, loaded.fit.names, loaded.measurement
+    first, measurement = without.fit.names, loaded.measurement
     apart = own_columns(measurement, (*own, OFFSET))
-    shared = [k < len(measurement.names) and k not in apart and name in first for k, name in enumerate(last)]
-    more = [k for k, both in enumerate(shared) if not both]
-    names = (*LOAD, *first, *(last[k] + LOADED for k in more))
-    A, B = np.zeros((len(first), len(names))), np.zeros((len(last), len(names)))
-    A[:, 10 : 10 + len(first)] = np.eye(len(first))
-    for k, name in enumerate(last):
-        B[k, 10 + (first.index(name) if shared[k] else len(first) + more.index(k))] = 1
+    last = [
+        name + LOADED if k in apart or k >= len(measurement.names) or name not in first else name
+        for k, name in enumerate(loaded.fit.names)
+    ]
+    names = (*LOAD, *first, *(name for name in last if name not in first))
+    A, B = np.eye(len(first), len(names), 10), np.zeros((len(last), len(names)))
+    B[range(len(last)), [10 + names[10:].index(name) for name in last]] = 1
     B[: len(columns), :10] = columns
     return A, B, names
 
@@ -168,13 +163,12 @@ def _with_load(prior: Prior, load: Prior, scales: np.ndarray, theta: np.ndarray)
     """Prior with that of the load φ, of which torques state w φ, about some parameters."""
     logs = theta[scales].mean() if len(scales) else 0.0
     stated = np.exp(logs) * load.mean
-    units = np.eye(10, len(theta))
+    units, mean = np.eye(10, len(theta)), np.zeros(len(theta))
     units[:, scales] = -stated[:, None] / max(len(scales), 1)
     added = units.T @ load.precision
     precision = prior.precision + added @ units
     right = prior.precision @ prior.mean + added @ (stated * (1 - logs))
     seen = np.flatnonzero(precision.any(axis=0))
-    mean = np.zeros(len(theta))
     mean[seen] = np.linalg.lstsq(precision[np.ix_(seen, seen)], right[seen], rcond=None)[0]
     return Prior(mean, precision, prior.weight)
 
@@ -199,25 +193,28 @@ def _stated(estimate: TrajectoryEstimate) -> np.ndarray:
     return np.arange(len(estimate.fit.names)) < equations.parameters.rank + len(equations.drives)
 
 
-def _as_stated(estimate: TrajectoryEstimate, scaled: np.ndarray, *, back: bool = False) -> TrajectoryFit:
+def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) -> TrajectoryFit:
     """The fit in what torques state of some parameters and in logarithms of the scales, or back from it.
 
     Args:
         estimate: The estimate.
-        scaled: Mask of these parameters (p,).
-        back: True for an estimate in what torques state.
+        back: Mask of these parameters for an estimate in what torques state; None for one that is not (p,).
     """
     fit, scales = estimate.fit, _scales(estimate)
     if not scales.any():
         return fit
-    logs = fit.theta[scales] if back else np.log1p(fit.theta[scales])
+    logs = np.log1p(fit.theta[scales]) if back is None else fit.theta[scales]
     whole, own, theta = np.exp(logs.mean()), np.exp(logs), fit.theta.copy()
-    theta[scaled] *= 1 / whole if back else whole
-    theta[scales] = np.expm1(logs) if back else logs
+    if back is None:
+        scaled, factor, inverse, slopes, cross = _stated(estimate), whole, 1 / whole, own, -np.ones(len(own))
+    else:
+        scaled, factor, inverse, slopes, cross = back, 1 / whole, whole, 1 / own, 1 / own
+    theta[scaled] *= factor
+    theta[scales] = logs if back is None else np.expm1(logs)
     # Derivative of the fit's parameters by the others.
-    T = np.diag(np.where(scaled, whole if back else 1 / whole, 1.0))
-    T[scales, scales] = 1 / own if back else own
-    T[np.ix_(scaled, scales)] = np.outer(fit.theta[scaled], 1 / own if back else -np.ones(len(own))) / len(own)
+    T = np.diag(np.where(scaled, inverse, 1.0))
+    T[scales, scales] = slopes
+    T[np.ix_(scaled, scales)] = np.outer(fit.theta[scaled], cross) / len(own)
     mean = theta + np.linalg.solve(T, fit.prior.mean - fit.theta)
     return replace(
         fit,
@@ -289,9 +286,9 @@ class Load(Payload):
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
         """Set-up errors that were estimated, of all recordings or of those with the load."""
-        fit, std = self.joint.fit, np.sqrt(np.diag(self.joint.fit.covariance))
-        free = [(k, each) for k, each in self.joint.setup.items() if fit.free[k]]
-        return [SensorParameter(fit.names[k], float(fit.theta[k]), float(std[k]), True, each) for k, each in free]
+        fit, setup = self.joint.fit, self.joint.setup
+        rows = zip(fit.names, fit.theta.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
+        return [SensorParameter(*row, True, setup[k]) for k, row in enumerate(rows) if k in setup and fit.free[k]]
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -350,15 +347,14 @@ def identify_load(
         ExcitationError: The motion does not separate the base parameters.
     """
     several = [[each] if isinstance(each, Recording) else list(each) for each in (without, loaded)]
-    stated = [each for logs in several for each in logs if each.loaded]
+    bodies = sorted({body, *(each.loaded for logs in several for each in logs)} - {""})
     if not several[1]:
-        several = [[each for each in several[0] if not each.loaded], stated]
-    bodies = sorted({body, *(each.loaded for each in stated)} - {""})
+        several = [[each for each in several[0] if bool(each.loaded) is full] for full in (False, True)]
     if len(bodies) > 1:
         raise InputError(
             f"One load is identified at a time, but body and recordings state one on {' and '.join(bodies)}."
         )
-    body = next(iter(bodies), "")
+    body = "".join(bodies)
     if body not in robot.bodies:
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."
@@ -374,12 +370,12 @@ def identify_load(
     heavier = robot.mass / robot.known[first]
     open_ = {"mass": heavier, "center": FAR, "inertia": heavier}
     carrier = replace(robot, prior_known={**robot.prior_known, body: open_})
-    ready = [
+    bare, carrying = (
         [prepared(each, log, filters=False, drive=None) for log in logs]
         for each, logs in zip((robot, carrier), several, strict=True)
-    ]
-    empty = identified(ready[0], **fitting)
-    full = identified(ready[1], known=empty.trajectory is not None and empty.trajectory.known, **fitting)
+    )
+    empty = identified(bare, **fitting)
+    full = identified(carrying, known=empty.trajectory is not None and empty.trajectory.known, **fitting)
     if empty.channels != full.channels:
         raise InputError(
             f"Recordings with the load need the channels {', '.join(empty.channels)}; they have "
@@ -387,10 +383,10 @@ def identify_load(
         )
     assert empty.trajectory is not None and full.trajectory is not None
     columns = empty.base.regroup(np.eye(10 * len(robot.bodies))[first : first + 10]).T
-    prior = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
+    size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:
-        prior[0][0], prior[1][0] = max(mass_std, EXACT * mass), mass
-    joint = joint_fit(empty.trajectory, full.trajectory, columns, *prior)
+        size[0], mean[0] = max(mass_std, EXACT * mass), mass
+    joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
     beside = differing(empty.trajectory, full.trajectory, columns, joint)
     weighed = None if mass is None else (mass, mass_std)
     return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)
