@@ -216,12 +216,12 @@ def closed(name: str) -> Mechanism:
     return arm.closed([joint for joint in arm.tree.joints if joint not in driven], driven)
 
 
-def whole_states(name, arm, states):
-    """Coordinates and velocities of all joints in MuJoCo's order, from states of the independent ones (N, n) each.
+def whole_states(before, arm, states):
+    """States of all joints of the tree before closure, in MuJoCo's order, from those of the independent ones (N, n).
 
     A ball's are those of the hinges in its place, after one another.
     """
-    tree, before = arm.tree, opened(name).tree
+    tree = arm.tree
     own = dict(zip((body.name for body in tree.bodies), tree.body_states(*states), strict=True))
     out = ([], [], [])
     for body in (before.bodies[i] for i in before.moving):
@@ -255,7 +255,8 @@ def by_mujoco(name, arm, states):
     data, driven = mujoco.MjData(model), [int(model.joint(joint).dofadr[0]) for joint in arm.tree.joints]
     gaps, rates, torques, wrenches, accelerations = [], [], [], [], []
     n, turning = len(driven), np.isin(model.jnt_type[model.dof_jntid], int(mujoco.mjtJoint.mjJNT_BALL))
-    along = [whole_states(name, arm, (states[0], np.tile(e, (len(states[0]), 1)), 0 * states[2]))[1] for e in np.eye(n)]
+    before, size = opened(name).tree, (len(states[0]), 1)
+    along = [whole_states(before, arm, (states[0], np.tile(e, size), 0 * states[2]))[1] for e in np.eye(n)]
 
     def jacobian(q, dq=None, step=0.0):
         data.qpos[:] = q
@@ -266,7 +267,7 @@ def by_mujoco(name, arm, states):
         equalities = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         return J[equalities], data.efc_pos[equalities].copy()
 
-    for k, (q, dq, ddq) in enumerate(zip(*whole_states(name, arm, states), strict=True)):
+    for k, (q, dq, ddq) in enumerate(zip(*whole_states(before, arm, states), strict=True)):
         step = 1e-5
         dJ = (jacobian(q, dq, step)[0] - jacobian(q, dq, -step)[0]) / (2 * step)
         J, gap = jacobian(q)

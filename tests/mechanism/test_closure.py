@@ -194,9 +194,14 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             log_of([SWING], more={"rod_torque": SWING}),
             "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
         ),
+        (
+            FOUR_BAR.replace("<connect", "<weld"),
+            log_of([SWING]),
+            r"Loops leave 'crank' no motion: its torque or command cannot be used\. Leave a wrong",
+        ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
