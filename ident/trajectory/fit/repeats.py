@@ -29,6 +29,9 @@ RESTS = 0.1
 FEWEST = 0.25
 """Least share of the samples that have a partner one period later."""
 
+MOST = 1_000_000
+"""Largest number of equal steps that a recording takes, with its pauses; a longer one takes longer steps."""
+
 
 def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[list[np.ndarray]]:
     """Repetition of every recording's streams, as `repetition` has it, (s,) each.
@@ -72,25 +75,21 @@ def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
     """
     step, x = on_grid([piece.time for piece in pieces], [piece.states for piece in pieces])
     there = np.isfinite(x)
-    spread = np.nanvar(x, axis=0)
+    number = np.maximum(there.sum(axis=0), 1)
+    x = x - np.where(there, x, 0).sum(axis=0) / number
+    spread = np.where(there, x**2, 0).sum(axis=0) / number
     moves = noise**2 < RESTS * spread
     if not moves.any():
         return np.inf
-    x, there, spread = x[:, moves], there[:, moves].astype(float), spread[moves]
-    x = np.where(there > 0, x - np.nanmean(x, axis=0), 0.0)
-    half, size = len(x) // 2, fft.next_fast_len(2 * len(x), real=True)
-    of_pairs, of_squares, of_motion = (fft.rfft(signal, size, axis=0) for signal in (there, x**2, x))
-
-    def lagged(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(fft.irfft(a * b.conj(), size, axis=0)[:half])
-
-    pairs = np.maximum(lagged(of_pairs, of_pairs), 1.0)
-    squares = lagged(of_squares, of_pairs) + lagged(of_pairs, of_squares) - 2 * lagged(of_motion, of_motion)
+    pairs, products, squares = (each[: len(x) // 2] for each in of_pairs(x[:, moves]))
     apart = np.where(
-        pairs > FEWEST * there.sum(axis=0), squares / (2 * spread * pairs) - noise[moves] ** 2 / spread, np.inf
+        pairs > FEWEST * number[moves],
+        (squares - products) / (spread[moves] * np.maximum(pairs, 1)) - noise[moves] ** 2 / spread[moves],
+        np.inf,
     )
     same = apart.max(axis=1) < SAME
-    same &= np.logical_or.accumulate(apart.mean(axis=1) > OTHER)
+    between = apart.mean(axis=1)
+    same &= np.logical_or.accumulate((between > OTHER) & (between < np.inf))
     if not same.any():
         return np.inf
     first = int(np.argmax(same))
@@ -99,14 +98,24 @@ def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
 
 
 def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
-    """Step of samples, s, and their values at equal steps, NaN between pieces (N, c)."""
-    step = float(np.median(np.concatenate([np.diff(time) for time in times])))
-    first = min(time[0] for time in times)
-    at = [np.round((time - first) / step).astype(int) for time in times]
-    out = np.full((max(own[-1] for own in at) + 1, values[0].shape[1]), np.nan)
-    for own, each in zip(at, values, strict=True):
-        out[own] = each
+    """Step of the slowest column's samples, s, and values at such steps, at most `MOST`, NaN for none (N, c)."""
+    time, x = np.concatenate(times), np.concatenate(values)
+    there = [np.flatnonzero(own) for own in np.isfinite(x).T]
+    step = max(np.ptp(time) / MOST, *(np.median(np.diff(time[own])) for own in there if len(own) > 1), 1e-9)
+    at = np.round((time - time[0]) / step).astype(int)
+    out = np.full((at[-1] + 1, len(there)), np.nan)
+    for k, own in enumerate(there):
+        out[at[own], k] = x[own, k]
     return step, out
+
+
+def of_pairs(x: np.ndarray) -> np.ndarray:
+    """Number of pairs of samples k apart, and sums of their products and of their mean squares (3, N, c)."""
+    there, size = np.isfinite(x), fft.next_fast_len(2 * len(x), real=True)
+    number, values = there.astype(float), np.where(there, x, 0.0)
+    a, b, c = (fft.rfft(signal, size, axis=0) for signal in (number, values, values**2))
+    sums = [fft.irfft(each, size, axis=0) for each in (abs(a) ** 2, abs(b) ** 2, (c * a.conj()).real)]
+    return np.array(sums)[:, : len(x)]
 
 
 def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], period: float) -> np.ndarray:
@@ -117,12 +126,14 @@ def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], per
         residuals: Residuals, NaN where there is none (N, c) each.
         period: Period of the motion, s, infinite for none.
     """
+    out = np.ones(residuals[0].shape[1])
     if period == np.inf:
-        return np.ones(residuals[0].shape[1])
-    step, e = on_grid(times, residuals)
-    number, products = len(e) * step / period, np.zeros((2, e.shape[1]))
-    for lag in np.round(np.arange(1, number) * period / step).astype(int):
-        later, earlier = e[lag:], e[: len(e) - lag]
-        products += np.nansum([later * earlier, (later**2 + earlier**2) / 2 + 0 * later * earlier], axis=1)
-    r = products[0] / np.maximum(products[1], 1e-300)
-    return np.asarray(1 + (number - 1) * np.maximum(r, 0))
+        return out
+    for k in range(len(out)):
+        step, e = on_grid(times, [x[:, [k]] for x in residuals])
+        _, products, squares = of_pairs(e)[..., 0]
+        lags = np.round(np.arange(1, len(e) * step / period) * period / step).astype(int)
+        lags = lags[lags < len(e)]
+        r = products[lags].sum() / max(squares[lags].sum(), 1e-300)
+        out[k] += max(np.isfinite(e).sum() * step / period - 1, 0) * max(r, 0)
+    return out

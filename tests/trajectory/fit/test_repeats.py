@@ -43,6 +43,26 @@ def test_a_motion_repeats_across_pieces_and_gaps(rng):
     assert period(pieces, np.zeros(3)) == pytest.approx(1 / 0.3, abs=0.011)
 
 
+@pytest.mark.parametrize(("multiples", "expected"), [((1, 2, 3), 1 / 0.3), ((1, 2**0.5, 3), np.inf)])
+def test_period_of_joints_with_clocks_of_their_own(rng, multiples, expected):
+    piece = motion(rng, 30.0, *multiples, step=0.005)
+    piece.states[1::2, 0] = piece.states[::2, 1] = np.nan
+    assert period([piece], np.zeros(3)) == pytest.approx(expected, abs=0.011)
+
+
+def test_a_coordinate_that_is_not_there_does_not_matter(rng):
+    piece = motion(rng, 30.0, 1, 2, 3)
+    piece.states[:, 2] = np.nan
+    assert period([piece], np.zeros(3)) == pytest.approx(1 / 0.3, abs=0.011)
+
+
+@pytest.mark.parametrize("pause", [0.0, 20.0, 3600.0])
+def test_pauses_are_no_periods(rng, pause):
+    once, t = rng.normal(size=(200, 1)), 0.01 * np.arange(600)
+    times, residuals = [t, t + t[-1] + 0.01 + pause], [np.tile(once, (3, 1))] * 2
+    assert repetition(times, residuals, 2.0) == pytest.approx(6, rel=0.01)
+
+
 def test_less_than_two_periods_are_none(rng):
     assert period([motion(rng, 6.0, 1, 2, 3)], np.zeros(3)) == np.inf
 
