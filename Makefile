@@ -1,6 +1,6 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
 # `make test-extras` runs the tests that need the optional extras or a browser, and the longest, `make docs` builds the pages
-# into results/docs, `make validate` identifies public recordings of real systems, from the folder DATA or downloaded,
+# into results/docs, `make validate` identifies public recordings, from the folder DATA or downloaded,
 # `make install` and `make extras` set up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv

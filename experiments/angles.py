@@ -28,21 +28,27 @@ def run(args: argparse.Namespace) -> None:
     document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
     out = options.output_of(args)
-    then = f"With forces of plates on the same clock, then:\n{_identify(args, result)}"
+    then = _next(args, result)
     write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
 
 
-def _identify(args: argparse.Namespace, result: "Angles") -> str:
-    """The command to run next."""
+def _next(args: argparse.Namespace, result: "Angles") -> str:
+    """The command to run next, and what it needs."""
     from ident.estimation.equations import channels_out_of_plane
+    from ident.recordings.wrench import GROUND
     from sim.models.model_mechanism import mechanism
 
+    first = "Then" if args.wrenches else "With forces of plates on the same clock, then"
+    if placed := not {*result.recording.wrenches} <= {GROUND}:
+        first = "With a file that says on which bodies the wrenches act, then"
     log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
     words = ["multicontact", "identify", str(args.model), log, *(["--base", result.base] if result.base else [])]
+    words += ["--columns", "COLUMNS.toml"] if placed else []
     words += [word for fixed in args.fix for word in ("--fix", *fixed)]
     words += [word for name in result.postures.undetermined for word in ("--fix", name)]
     sideways = () if result.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
-    return shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
+    command = shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
+    return f"{first}:\n{command}"
 
 
 OPTIONS: options.Options = {

@@ -77,10 +77,11 @@ def as_text(value: Any) -> Any:
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Help that shows defaults, except None and empty lists."""
+    """Help that shows defaults, except None, empty lists and those of flags."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        return action.help if action.default in (None, []) else super()._get_help_string(action)
+        plain = action.default in (None, []) or action.const is not None
+        return action.help if plain else super()._get_help_string(action)
 
 
 class _Distinct(argparse.Action):

@@ -1,4 +1,4 @@
-"""Public recordings of real systems, as the registry has them, and the results of the validation on them."""
+"""Public recordings, as the registry has them, and the results of the validation on them."""
 
 import re
 from collections.abc import Iterator, Mapping

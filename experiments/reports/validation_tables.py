@@ -18,7 +18,7 @@ from experiments.data.validation import (
     rms,
     typical,
 )
-from experiments.document.tabular import Cell, Table
+from experiments.document.tabular import Cell, Table, of_deviations
 from experiments.reports.validation_figures import agreement
 from ident.judgement.verdict import Outcome
 
@@ -51,11 +51,12 @@ def table_peers(study: Study) -> Table:
             ratios = np.array(answer["ratios"], float)
             better = int((ratios < each.ratios[ESTIMATE]).sum())
             numbers = (float(np.median(ratios)), float(ratios.max()), better if name in each.peers else None)
-            rows.append((each.entry.title, name, *numbers, round(answer["seconds"], 1), None))
+            rows.append((each.entry.title, name, *numbers, answer["seconds"], None))
     columns = ("recording", "software", "median", "largest", "better", "seconds", "note")
     heads = {"better": "channels better than the estimate", "seconds": "CPU s"}
     title = "Residual of the held-out part over the signal's standard deviation, beside other software"
-    return Table(title, columns, rows, heads=heads)
+    digits = {"seconds": of_deviations(row[5] if isinstance(row[5], float) else None for row in rows)}
+    return Table(title, columns, rows, digits=digits, heads=heads)
 
 
 def table_recordings(study: Study) -> Table:

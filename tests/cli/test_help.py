@@ -65,6 +65,12 @@ def test_options_are_those_of_the_module(name, capsys):
     assert options == COMMANDS[name].parser().format_help().split("\n\n", 1)[1]
 
 
+def test_help_has_no_default_of_a_flag():
+    texts = {name: module.parser().format_help() for name, module in COMMANDS.items()}
+    assert not any("(default: False)" in text for text in texts.values())
+    assert "(default: True)" not in texts["human"] and "(default: True)" in texts["identify"]
+
+
 def test_defaults_are_those_that_pages_state():
     study = {"seed": None, "samples": None, "noise_scale": None, "tilt_deg": None, "azimuth_deg": None, "workers": 1}
     trials = {"trials": 0, "trajectory_trials": 100, "redraw": "all", "resume": False}

@@ -92,10 +92,17 @@ def pendulum(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path):
+def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
     arguments = [str(folder / "arm.xml"), str(folder / "run.trc"), "--wrenches", str(folder / "wrenches.csv")]
     assert main([*arguments, "--base", "base", "--out", str(tmp_path / "angles"), "--formats", "png"]) == 0
+    table = tmp_path / "angles" / "angles.csv"
+    assert f"\nThen:\nmulticontact identify {arguments[0]} {table} --base base\n" in capsys.readouterr().out
+    named = folder / "plate.csv"
+    named.write_text((folder / "wrenches.csv").read_text().replace("ground_", "plate_"))
+    assert main([*arguments[:3], str(named), "--base", "base", "--out", str(tmp_path / "n"), "--formats", "none"]) == 0
+    output = capsys.readouterr().out
+    assert "on which bodies the wrenches act, then:\n" in output and output.endswith("--columns COLUMNS.toml\n")
     arm = sim.mechanism(folder / "arm.xml", base="base")
     log = read_log(tmp_path / "angles" / "angles.csv", arm)
     recording = Recording.load(tmp_path / "angles" / "angles.csv")

@@ -90,6 +90,10 @@ def test_known_parameters_come_first(result):
         rf"over the {truth.significant.sum()} whose intervals exclude zero\.",
         first,
     )
+    unclear = replace(truth, lower=truth.values - 9e9, upper=truth.values + 9e9)
+    assert report.lines(replace(result, truths={"arm": unclear}))[0] == (
+        f"Arm: of {number} known parameters 100 % lie in our 95 % intervals."
+    )
     shown = report.document(result, {})
     assert shown.headline.word == "Validated" and first.startswith(shown.headline.sentence)
     assert (
@@ -103,14 +107,18 @@ def test_known_parameters_come_first(result):
 
 def test_other_software_stands_beside_the_estimate(result):
     (each,) = result
-    answers = {"fast": {"ratios": each.ratios[ESTIMATE] * [0.9, 1.2, 2], "seconds": 1.5}, "absent": "It needs a thing."}
+    answers = {
+        "fast": {"ratios": each.ratios[ESTIMATE] * [0.9, 1.2, 2], "seconds": 11.3},
+        "absent": "It needs a thing.",
+    }
     beside = replace(result, validations={"arm": replace(each, peers=answers)})
     shown = report.lines(beside)
     assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recording." in shown
     assert "absent is not compared with. It needs a thing." in shown
     rows = report.document(beside, {}).tables["table_peers"].rows
     assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
-    assert rows[1][4:] == (1, 1.5, None) and rows[2][-1] == "It needs a thing."
+    assert rows[1][4:] == (1, 11.3, None) and rows[2][-1] == "It needs a thing."
+    assert [row[5] for row in report.document(beside, {}).tables["table_peers"].texts()][1:] == ["11", ""]
     again = validation_study.study_of(json.loads(json.dumps(numbers(beside))), {"arm": each.entry})
     assert again.validations["arm"].peers["absent"] == "It needs a thing."
     assert "table_peers" not in report.document(result, {}).tables

@@ -1,1 +1,1 @@
-"""Validation on public recordings of real systems: their registry, their files, and what they show."""
+"""Validation on public recordings: their registry, their files, and what they show."""
