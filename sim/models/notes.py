@@ -1,5 +1,6 @@
 """Names of a model's elements, generated where it gives none, remarks on it, and MuJoCo's errors as one line."""
 
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -90,8 +91,11 @@ class ModelNote(UserWarning):
 
 
 def note(text: str) -> None:
-    """Warns the user about a model."""
-    warnings.warn(text, ModelNote, stacklevel=4)
+    """Warns the user about a model, at the line that calls these packages."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] in ("sim", "ident"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, ModelNote, stacklevel=level)
 
 
 @contextmanager
