@@ -175,6 +175,6 @@ def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = F
     columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
     columns |= {} if brief else {"std": body.std.tolist(), "std_setup": body.std_setup.tolist()}
     columns |= dict(zip(("from_95", "to_95"), body.intervals.T.tolist(), strict=True))
-    digits = dict.fromkeys(("estimate", "from_95", "to_95"), of_estimate)
+    digits = dict.fromkeys(("estimate", "from_95", "to_95", "model"), of_estimate)
     digits |= {"std": of_deviations(body.std), "std_setup": of_deviations(body.std_setup)}
     return tabular.Table(title, *tabular.columns(**columns, **more), decimals=6, digits=digits)
