@@ -145,7 +145,9 @@ class PayloadReport:
         if model is not None and robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, robot, payload.phi_of_robot())
-        tables = {"table_payload": self.table(), "table_flange": self.flange_table()}
+        tables = {"table_payload": self.table()}
+        if self.flange != payload.body:
+            tables["table_flange"] = self.flange_table()
         if payload.sensor_parameters:
             tables["table_sensor"] = self.sensor_table()
         tables["table_held_out"] = identify_report.quality_table(payload.estimate)
