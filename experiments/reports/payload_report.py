@@ -145,7 +145,9 @@ class PayloadReport:
         if model is not None and robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, robot, payload.phi_of_robot())
-        tables = {"table_payload": self.table(), "table_flange": self.flange_table()}
+        tables = {"table_payload": self.table()}
+        if self.flange != payload.body:
+            tables["table_flange"] = self.flange_table()
         if payload.sensor_parameters:
             tables["table_sensor"] = self.sensor_table()
         tables["table_held_out"] = identify_report.quality_table(payload.estimate)
@@ -175,6 +177,6 @@ def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = F
     columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
     columns |= {} if brief else {"std": body.std.tolist(), "std_setup": body.std_setup.tolist()}
     columns |= dict(zip(("from_95", "to_95"), body.intervals.T.tolist(), strict=True))
-    digits = dict.fromkeys(("estimate", "from_95", "to_95"), of_estimate)
+    digits = dict.fromkeys(("estimate", "from_95", "to_95", "model"), of_estimate)
     digits |= {"std": of_deviations(body.std), "std_setup": of_deviations(body.std_setup)}
     return tabular.Table(title, *tabular.columns(**columns, **more), decimals=6, digits=digits)

@@ -93,7 +93,7 @@ class ModelNote(UserWarning):
 def note(text: str) -> None:
     """Warns the user about a model, at the line that calls these packages."""
     level, frame = 1, sys._getframe()
-    while frame.f_back and frame.f_globals["__name__"].split(".")[0] in ("sim", "ident"):
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] in ("sim", "ident"):
         level, frame = level + 1, frame.f_back
     warnings.warn(text, ModelNote, stacklevel=level)
 

@@ -42,6 +42,7 @@ def files(tmp_path):
 def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
     printed, out = capsys.readouterr().out, tmp_path / "out"
+    assert (out / "table_flange.csv").exists()
     written = json.loads((out / "payload.json").read_text(encoding="utf-8"))
     values = written["frames"]["tool"]["values"]
     assert written["verdict"].startswith("Usable") and abs(values[0] - 0.1) < 0.002
@@ -80,6 +81,9 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
 def test_a_screen_has_the_verdict_the_numbers_and_where_the_rest_is(files, tmp_path, capsys):
     assert payload.main([*files, "--name", "out", "--out", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
+    _, _, estimate, _, _, model = next(line for line in lines if line.startswith("mass ")).split()
+    assert not (tmp_path / "out" / "table_flange.csv").exists(), "the flange is the body itself"
+    assert len(model) == len(estimate), "the model's value has the estimate's decimals"
     assert len(lines) <= 24 and max(map(len, lines)) <= 120 and lines[0].startswith("✓ Usable. ")
     assert any(line.startswith("mass ") for line in lines) and any(line.startswith("Iyz ") for line in lines)
     assert "setLoad" not in " ".join(lines) and "payload.txt has these for URDF" in " ".join(lines)
