@@ -146,7 +146,8 @@ def _parts_fit(value: Any, origin: type, args: tuple[Any, ...], exact: bool) -> 
     if not args or not isinstance(value, Collection) or origin.__module__ not in ("builtins", "collections.abc"):
         return True
     if isinstance(value, Mapping):
-        return all(fits(key, args[0], exact=exact) and fits(x, args[1], exact=exact) for key, x in value.items())
+        both = (pair for item in value.items() for pair in zip(item, args, strict=True))
+        return len(args) == 2 and all(fits(*each, exact=exact) for each in both)
     if origin is tuple and args[-1] is not Ellipsis:
         return len(value) == len(args) and all(fits(*each, exact=exact) for each in zip(value, args, strict=True))
     return all(fits(each, args[0], exact=exact) for each in value)

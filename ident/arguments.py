@@ -134,9 +134,8 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
         InputError: It is a single string or no list, or a name is not valid.
     """
     names = tuple(choices)
-    wrong = (
-        [given] if isinstance(given, str) or not isinstance(given, Iterable) else [x for x in given if x not in names]
-    )
+    each = [given] if isinstance(given, str) or not isinstance(given, Iterable) else given
+    wrong = [x for x in each if not isinstance(x, str) or x not in names or each is not given]
     if wrong:
         raise InputError(f"{where} needs a list out of {', '.join(names)}; got {', '.join(map(short, wrong))}.")
     return tuple(dict.fromkeys(given))
@@ -191,6 +190,6 @@ def is_number(value: Any) -> bool:
 
 
 def short(value: Any) -> str:
-    """The value as text, cut to fit a message."""
-    text = str(value) or "''"
+    """The value as one line of text, cut to fit a message."""
+    text = str(value).replace("\n", " ") or "''"
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -74,6 +74,8 @@ CALLS = {
     ),
     # Mechanisms.
     "ignore in a text": (lambda: mc.mechanism(SPEC, ignore="x"), "ignore needs a list of texts; got 'x'"),
+    "ignore in a mapping": (lambda: mc.mechanism(SPEC, ignore={"a": 3}), "ignore needs a list of texts; got"),
+    "joints to fix in an array": (lambda: mc.mechanism(SPEC, fix=np.zeros(3)), FIX),
     "base by number": (lambda: mc.mechanism(SPEC, base=3), "base needs a text or None; got 3"),
     "a mechanism for its tree": (lambda: mc.Mechanism(ARM, GRAVITY), "tree needs a Tree; got an object of type Mech"),
     "gravity downwards": (lambda: mc.Mechanism(TREE, "down"), "Gravity needs three finite numbers"),
@@ -137,6 +139,9 @@ CALLS = {
     "columns of a recording": (lambda: identified(columns={"time": "t"}), "columns maps the columns of logs"),
     "a text for offsets": (lambda: identified(offsets="no"), "offsets needs True or False; got 'no'"),
     "a negative cut-off": (lambda: identified(cutoff=-3), "A cut-off is 'auto' or from 0"),
+    "a cut-off beyond numbers": (lambda: identified(cutoff=10**309), "A cut-off is 'auto' or from 0"),
+    "drives in an array": (lambda: identified(drive=np.zeros((3, 3))), "drive needs a list out of"),
+    "an array for a deviation": (lambda: identified(known=np.zeros((3, 3))), "known needs standard deviations by name"),
     "an estimator by number": (lambda: identified(estimator=3), "estimator needs a text"),
     "left out in a text": (lambda: identified(leave_out="turn"), "leave_out needs a list of texts; got 'turn'"),
     "a text for known": (lambda: identified(known="yes"), "known needs standard deviations by name"),

@@ -261,7 +261,7 @@ WORKERS: Options = {**workers(1), **RESUME}
 
 TRIALS: Options = {
     "Monte Carlo": {
-        "--trials": ("trials with noise drawn anew", {"type": whole_number(2, also=0), "default": 0}),
+        "--trials": ("trials with noise drawn anew", {"type": whole_number(2, 1_000_000, also=0), "default": 0}),
         "--trajectory-trials --joint-trials": (
             "how many of the trials, at most, the trajectory estimate is made of too; it takes a second for each",
             {"type": whole_number(2, also=0), "default": TRAJECTORY_TRIALS},

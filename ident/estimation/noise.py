@@ -58,10 +58,10 @@ def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np
 
 def _decay(x: np.ndarray) -> float:
     """ρ with the same sum of autocorrelations as a residual, its correlation time stretched by `STRETCH`."""
-    if not x.any():
+    covariance = autocovariance(x)
+    if not covariance[0]:
         return 0.0
     # Later lags are mostly chance: they are replaced by an exponential.
-    covariance = autocovariance(x)
     correlation = covariance / covariance[0]
     lag = int(np.argmax(correlation < 1 / np.e))
     here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0

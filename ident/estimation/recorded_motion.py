@@ -129,7 +129,7 @@ def motion_cutoff(
             return USUAL * recording.rate
     try:
         value = float(cutoff)
-    except ValueError:
+    except (ValueError, OverflowError):
         value = np.nan
     if not 0 < value < recording.rate / 2:
         raise InputError(

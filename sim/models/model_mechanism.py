@@ -182,7 +182,7 @@ def mechanism(
     else:
         text = None if isinstance(source, mujoco.MjModel) else source
         origin = Origin(compiled(source, packages), text, base, tuple(beyond), tuple(map(Path, packages)))
-        arm = _from_mujoco(origin, ignore, checked_coordinates("fix", fix or ()), drives=drives)
+        arm = _from_mujoco(origin, ignore, checked_coordinates("fix", () if fix is None else fix), drives=drives)
     arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
     note_units(arm)
     return _with_merged_welds(arm) if merge_welds else arm

@@ -105,7 +105,7 @@ def tree_from_model(
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
-    fix = checked_coordinates("fix", fix or ())
+    fix = checked_coordinates("fix", () if fix is None else fix)
     check_couplings(model, base, members, ignore, fix)
     tree = _tree(model, members, base)
     if fix:

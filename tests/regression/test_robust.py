@@ -218,3 +218,7 @@ def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
     assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((MEASURED[moving, 1] ** 2).mean()))
     assert judged.ratio_at_rest(wrong)[1] == pytest.approx(9 / signal)
     assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()
+
+
+def test_residuals_whose_squares_are_zero_have_no_correlation():
+    assert innovations(np.full((1, 50), 1e-200), 1.0)[0] == [0.0]

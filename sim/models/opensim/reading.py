@@ -149,7 +149,7 @@ def mechanism_from_opensim(
     Raises:
         ModelError: Something in the file cannot be read; the message names it.
     """
-    origin, fix = OpenSimOrigin(Path(path), base, tuple(beyond)), checked_coordinates("fix", fix or ())
+    origin, fix = OpenSimOrigin(Path(path), base, tuple(beyond)), checked_coordinates("fix", () if fix is None else fix)
     model = model_element(origin.path)
     with about(origin.path):
         frames = Frames(model)
