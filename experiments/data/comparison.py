@@ -17,7 +17,7 @@ from ident.errors import InputError
 from ident.files.limits import reason
 from ident.judgement.agreement import Comparison
 
-EXCLUDED = ("out", "name", "logs", "model", "held_out")
+EXCLUDED = ("out", "name", "logs", "model", "held_out", "verbose")
 """Options without effect on results, and files, which are compared by content."""
 
 LARGE = 1e30

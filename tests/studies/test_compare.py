@@ -32,7 +32,7 @@ def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, 
         "bodies": {name: {} for name in bodies},
     }
     provenance = {
-        "options": {"logs": [log], "out": folder.name, "estimator": "trajectory"} | options,
+        "options": {"logs": [log], "out": folder.name, "verbose": log == "a", "estimator": "trajectory"} | options,
         "recording": {"model": {"file": "m.xml", "sha256": "0" * 64}, "logs": [{"file": f"{log}.csv", "sha256": log}]},
         "versions": {"multicontact": "1"},
         "git_commit": None,
