@@ -301,7 +301,7 @@ def machine() -> str:
         with suppress(importlib.metadata.PackageNotFoundError):
             versions.append(f"{name} {importlib.metadata.version(name)}")
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
-    where = f"{processor}, {os.cpu_count()} cores, {platform.platform(terse=True)}"
+    where = f"{processor}, {os.cpu_count()} cores, {platform.system()}, {platform.machine()}"
     return f"{where}; {', '.join(versions)}; {blas['name']} {blas['version']} with one thread"
 
 
