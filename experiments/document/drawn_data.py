@@ -134,7 +134,7 @@ def _cells(column: np.ndarray) -> list[float | None]:
 
 
 def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> tuple[str, Numbers]:
-    """What an artist draws (`line`, `points`, `interval`, `bar` or `span`), in the coordinates of the data.
+    """Kind of an artist (`line`, `points`, `interval`, `bar` or `span`), and its numbers in coordinates of the data.
 
     Args:
         artist: The artist.

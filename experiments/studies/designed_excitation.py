@@ -88,7 +88,7 @@ class Design:
 
 @dataclass(frozen=True)
 class DesignSearch:
-    """What a motion is searched for, and how; by default of the model's range and the paper's or usual numbers.
+    """Options of the search for a motion; by default the model's range, and the paper's or usual numbers.
 
     Attributes:
         harmonics: Terms of the series.

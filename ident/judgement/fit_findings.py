@@ -14,7 +14,7 @@ from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
-from ident.trajectory.fit.repeats import repeating
+from ident.trajectory.fit.repeats import REPEATED, repeating
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -34,9 +34,6 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
-
-REPEATED = 2.0
-"""Variance of the sum of what is not explained, over that of independent periods, from which it is a remark."""
 
 OF_THE_MOTION = 0.5
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the

@@ -122,13 +122,13 @@ def advice(worse: Mapping[str, Any], take: str, cutoff_hz: float | None, **_: An
 
 
 def lead(candidate: str, behind: float, ratios: Mapping[str, Any], **_: Any) -> str:
-    """How much better a candidate predicts."""
+    """Clause on a candidate that predicts better than the estimate, with the size of its lead."""
     name, by = CANDIDATES[candidate], percent(behind - 1)
     return f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {by} in the median of {len(ratios)}"
 
 
 def ending(status: str, rounds: int) -> str:
-    """How a trajectory estimate ended without having converged."""
+    """Clause on the end of a trajectory estimate that has not converged."""
     how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
     return f"{how} after {number_of(rounds, 'round')}"
 
@@ -154,7 +154,7 @@ def in_each_log(values: Mapping[str, Sequence[float]]) -> str:
 
 
 def causes_in_words(causes: Sequence[Mapping[str, str]], **_: Any) -> str:
-    """What a model may lack."""
+    """Sentences on forces and lengths that a model may lack."""
     return " Or it is ".join(f"{LACKS[cause['kind']].format(body=cause['body'])}." for cause in causes)
 
 

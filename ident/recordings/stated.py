@@ -1,4 +1,4 @@
-"""What a recording states beside its samples: servos, tracked bodies; and recordings as files, read back exactly."""
+"""Servos and tracked bodies that a recording states beside its samples; and recordings as files, read back exactly."""
 
 import re
 from collections.abc import Iterator, Mapping

@@ -19,7 +19,7 @@ ROOT = Path(experiments.__file__).parents[1]
 
 
 def run(code, *options):
-    """What code prints in a process of its own."""
+    """Output of code that runs in a process of its own."""
     command = [sys.executable, "-c", code, *options]
     return subprocess.run(command, check=True, cwd=ROOT, capture_output=True, text=True).stdout
 

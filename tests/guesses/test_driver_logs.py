@@ -16,7 +16,7 @@ from ident.recordings.columns.plates import AUTO
 
 
 def judged(log, folder):
-    """What is wrong, what is lacking, and the belief."""
+    """Wrong columns, missing columns, and the belief."""
     belief = believed(log.mechanism, [log.write(folder)])
     guesses = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
     wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in guesses]
