@@ -53,6 +53,17 @@ def test_an_error_of_a_file_is_its_name_and_what_is_wrong(capsys):
     assert refusal(main_of(error), [], capsys) == f"{COMMAND}: error: a.csv: File name too long.\n"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere pipes end otherwise")
+def test_a_closed_pipe_ends_quietly(tmp_path):
+    words = ["mechanism", "--formats", "none", "--out", str(tmp_path)]
+    code = f"import sys; from experiments.cli.command import main; sys.exit(main({words}))"
+    here, there = os.pipe()
+    os.close(here)
+    ended = subprocess.run([sys.executable, "-c", code], stdout=there, stderr=subprocess.PIPE, text=True)
+    os.close(there)
+    assert (ended.returncode, ended.stderr) == (141, "") and (tmp_path / "table_1.csv").exists()
+
+
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])
 def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     with pytest.raises(type(error)) as raised:
