@@ -141,7 +141,10 @@ def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple
         return (schema.choice(f"{where}.on", on, (*bodies, AUTO)),)
     among = entry.get("among")
     if not isinstance(among, list) or len(among) < 2 or any(among.count(body) > 1 for body in among):
-        raise LogError(f"{where}.among needs a list of the two bodies or more that may be on it, got {short(among)}.")
+        raise LogError(
+            f'{where}.among, which on = "{AUTO}" needs, is a list of the two bodies or more that may be on it, as '
+            f"{short(list(bodies[-2:]))}; got {'none' if among is None else short(among)}."
+        )
     return tuple(schema.choice(f"{where}.among", body, bodies) for body in among)
 
 

@@ -242,8 +242,11 @@ BAD = {
     "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is stated by 'on'"),
     "no body": ('frame = "world"', "wrenches.p.on needs one of pelvis"),
     "unknown body": ('frame = "world"\non = "hand"', "arm, auto; got hand"),
-    "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
-    "twice": ('frame = "world"\non = "auto"\namong = ["arm", "arm"]', "among needs a list of the two bodies or more"),
+    "alone": ('frame = "world"\non = "auto"', 'wrenches.p.among, which on = "auto" needs, is a list of the two bodies'),
+    "twice": (
+        'frame = "world"\non = "auto"\namong = ["arm", "arm"]',
+        "is a list of the two bodies or more that may be on it",
+    ),
     "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs one of pelvis"),
     "among one": (
         'frame = "world"\non = "arm"\namong = ["arm", "foot_r"]',
