@@ -1,4 +1,4 @@
-"""A simulated study of your own, stated in one file: its tables and figures as in print."""
+"""Runs a simulated study of your own, stated in one file: its tables and figures as in print."""
 
 import argparse
 import hashlib
@@ -53,9 +53,10 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.document.provenance import provenance
     from experiments.document.writer import end, write_page, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.simulation import distributions, draw_of, simulated, swept
+    from experiments.studies.simulation import check_numbers, distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
+    check_numbers(study)
     origin = provenance({**file.options, "formats": out.formats}, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
     draw = draw_of(study, trials, out.folder)
