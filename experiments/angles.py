@@ -1,4 +1,4 @@
-"""Joint angles from the positions of markers, their noise, and the lengths of segments."""
+"""Fits joint angles to the positions of markers, with their noise, and the lengths of segments."""
 
 import argparse
 import shlex

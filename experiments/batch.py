@@ -1,4 +1,4 @@
-"""Base parameters from many logs one by one: a folder for each, one table of all, and the failures by name."""
+"""Identifies base parameters from many logs one by one: a folder for each, one table of all, and what failed."""
 
 import argparse
 import contextlib

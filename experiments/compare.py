@@ -1,4 +1,4 @@
-"""Results of identify side by side: differences of parameters and settings."""
+"""Compares results of identify side by side: differences of parameters and settings."""
 
 import argparse
 from os.path import realpath

@@ -1,4 +1,4 @@
-"""The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
+"""Derives the dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
 
 import argparse
 from pathlib import Path

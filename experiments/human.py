@@ -1,4 +1,4 @@
-"""A simulated person on two force plates who holds a rail: segment estimates from a prior that is wrong by a fifth."""
+"""Identifies a simulated person on two force plates who holds a rail, from a prior that is wrong by a fifth."""
 
 import argparse
 import os

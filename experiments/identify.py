@@ -1,4 +1,4 @@
-"""Base parameters of your own mechanism from your own recording, and whether to believe them."""
+"""Identifies base parameters of your own mechanism from your own recording, and says whether to believe them."""
 
 import argparse
 import os

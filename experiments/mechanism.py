@@ -1,4 +1,4 @@
-"""The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
+"""Shows the double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Mass, centre and inertia of what your robot carries: beyond a wrist sensor, or by logs with and without it."""
+"""Identifies mass, centre and inertia of what your robot carries: beyond a wrist sensor, or with and without it."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Validation on public recordings, with the defaults of identify: where it wins, and where it loses.
+"""Validates on public recordings, with the defaults of identify: where it wins, and where it loses.
 
 Each recording of the registry is identified unattended: parameters beside published ones, held-out residuals beside
 those of the model as it came and of least squares at the best of five cut-offs, agreement of halves and of trials.
