@@ -15,7 +15,7 @@ HEADS = ("quantity", "column", "unit", "certainty", "reasons")
 """Heads of the table of what the columns probably hold."""
 
 RATE = options.decimal("a number of samples per second, in Hz", lambda x: 1e-3 <= x < HUGE)
-"""Type of a rate, as for `ident.files.selection.Rate`."""
+"""Type of a rate, as for `ident.recordings.entries.Rate`."""
 
 
 def run(args: argparse.Namespace) -> None:

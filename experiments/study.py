@@ -10,8 +10,7 @@ from experiments.cli import options, running
 
 if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
-    from experiments.document.document import Document
-    from experiments.document.writer import Output
+    from experiments.document.writer import Document, Output
     from experiments.studies.simulation import Trials
 
 
@@ -50,7 +49,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
         source: Path of the study's file; None for a study of the package.
     """
     from experiments.data.fitting import ESTIMATORS
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import end, write_page, written
     from experiments.reports import monte_carlo_report, study_report
     from experiments.studies.simulation import check_numbers, distributions, draw_of, simulated, swept

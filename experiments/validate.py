@@ -22,8 +22,7 @@ VARIABLE = "MULTICONTACT_DATA"
 
 def run(args: argparse.Namespace) -> None:
     """Validates, and writes and prints the results."""
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import writable
+    from experiments.document.result_folder import provenance, writable
     from experiments.document.writer import write
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers

@@ -18,7 +18,7 @@ from ident.files.column import CURRENT, UNITS
 from ident.files.csv_file import Layout
 from ident.files.table import BASE as POSES_OF_BASE
 from ident.mechanism.mechanism import Mechanism, plane_normal
-from ident.recordings.columns.mapping import joint_kinds
+from ident.recordings.mapping import joint_kinds
 from ident.recordings.several_clocks import name_of
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"

@@ -12,9 +12,9 @@ from experiments.guesses.scores import decisions, exact_names, is_named_after
 from experiments.guesses.words import LIKE, families, likeness, most_alike, unit_of, without_unit, words
 from ident.estimation.recorded_motion import UNIT
 from ident.files.column import CURRENT
-from ident.recordings.columns.plates import AUTO
+from ident.recordings.channels import Component, wrench_groups
+from ident.recordings.plates import AUTO
 from ident.recordings.wrench import GROUND
-from ident.recordings.wrench_names import Component, wrench_groups
 
 FEET = re.compile(r"foot|calcn|feet|sole|heel", re.IGNORECASE)
 """Names of bodies that stand on the ground."""

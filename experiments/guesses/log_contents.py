@@ -16,11 +16,10 @@ from ident.files.column import UNITS, Columns
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
-from ident.files.selection import counted, taken
 from ident.files.table import FAR, TRUE, Table, is_number
-from ident.recordings.columns.entries import clocks
-from ident.recordings.columns.mapping import ColumnMapping
-from ident.recordings.plausibility import rate_factor, with_continuous_angles
+from ident.recordings.entries import clocks, counted, taken
+from ident.recordings.faults import rate_factor, with_continuous_angles
+from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
 from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
 

@@ -10,12 +10,11 @@ import numpy as np
 
 from experiments.data.comparison import Difference, Result
 from experiments.document import pictures, symbols, tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.figures import SHEET, paper_style
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.document.writer import sentences
+from experiments.document.writer import Card, Document, Headline, Plot, sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL

@@ -9,10 +9,10 @@ import numpy as np
 
 from experiments.data.simulated_person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_small
+from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page
 from ident.display.plots import Axes, Figure, few_decades
 from ident.geometry.inertia import com_from_parameters

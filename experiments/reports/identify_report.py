@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.document import rerun_file, tabular, writer
-from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document import tabular, writer
+from experiments.document.replay import RERUN
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_small
 from experiments.document.terminal import sentences, wrapped
+from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
@@ -48,7 +49,7 @@ NOTHING = 1e-9
 FAR = 3.0
 """Distance from zero, in standard deviations, of an estimate whose relative standard deviation is shown."""
 
-OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
+OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", RERUN)
 """Patterns of the files that it writes."""
 
 

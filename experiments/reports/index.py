@@ -5,9 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from experiments.data import paper
-from experiments.document.document import Document
 from experiments.document.tabular import Cell, Table, heading
-from experiments.document.writer import page
+from experiments.document.writer import Document, page
 from ident.files.atomic import replacing
 
 

@@ -10,10 +10,10 @@ from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
-from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from experiments.document.writer import Document, Plot
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
 from ident.display.plots import Axes, Figure, add_legend

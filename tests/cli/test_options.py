@@ -19,7 +19,7 @@ from docs.tools.noise.recordings import sinusoids
 from experiments import mechanism
 from experiments.cli import options, running
 from experiments.cli.command import COMMANDS
-from experiments.document.provenance import version
+from experiments.document.result_folder import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from experiments.document import tabular
-from experiments.document.document import Card, Document
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.terminal import WIDTH, wrapped
+from experiments.document.writer import Card, Document
 
 
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():

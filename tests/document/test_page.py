@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from test_escape import EVIL
 
 from experiments.document import pictures
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.tabular import Table
-from experiments.document.writer import Output, environment, written
+from experiments.document.writer import Card, Document, Headline, Output, Plot, environment, written
 from experiments.reports import index
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from experiments.document import print_table, provenance, result_folder, tabular
+from experiments.document import print_table, result_folder, tabular
 from ident.display import plots
 from ident.files.atomic import PARTIAL
 
@@ -184,13 +184,16 @@ def test_spectra_are_welchs(samples):
 
 
 def test_the_provenance_has_the_kernels_and_a_remark_where_they_are_slow(monkeypatch, tmp_path):
-    own = provenance.provenance({})["linear_algebra"]
-    assert own["openblas_kernels"] == provenance.kernels()
-    monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert provenance.kernels() == {}
-    monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
-    assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None
-    monkeypatch.setattr(provenance, "kernels", lambda: {"scipy": "Haswell"})
-    monkeypatch.setattr(provenance, "features", lambda: {"avx512f"})
-    remark = provenance.provenance({})["linear_algebra"]["remark"]
+    own = result_folder.provenance({})["linear_algebra"]
+    assert own["openblas_kernels"] == result_folder.kernels()
+    monkeypatch.setattr(result_folder.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
+    assert result_folder.kernels() == {}
+    monkeypatch.setattr(result_folder.Path, "read_text", lambda *_, **__: "processor: 0")
+    assert (
+        result_folder.features() == set()
+        and result_folder.advice(result_folder.kernels(), result_folder.features()) is None
+    )
+    monkeypatch.setattr(result_folder, "kernels", lambda: {"scipy": "Haswell"})
+    monkeypatch.setattr(result_folder, "features", lambda: {"avx512f"})
+    remark = result_folder.provenance({})["linear_algebra"]["remark"]
     assert remark.startswith("The OpenBLAS of scipy uses its kernels for Haswell")

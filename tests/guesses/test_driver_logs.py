@@ -12,7 +12,7 @@ import experiments
 from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
 from ident.files.column import CURRENT
-from ident.recordings.columns.plates import AUTO
+from ident.recordings.plates import AUTO
 
 
 def judged(log, folder):

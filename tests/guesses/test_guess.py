@@ -16,7 +16,7 @@ from experiments.guesses.guess import believed
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.mapping import read_mapping
+from ident.recordings.mapping import read_mapping
 
 JOINTS = ("joint1", "joint2")
 

@@ -12,7 +12,7 @@ from guesses.robots import seven, ur
 from experiments.guesses.belief import toml_text
 from experiments.guesses.guess import believed
 from ident.model.regressor import joint_torque_regressor
-from ident.recordings.columns.mapping import read_mapping
+from ident.recordings.mapping import read_mapping
 
 
 def belief_of(folder, columns, mechanism):

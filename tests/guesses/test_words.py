@@ -3,7 +3,7 @@
 import pytest
 
 from experiments.guesses.words import words
-from ident.recordings.wrench_names import wrench_groups
+from ident.recordings.channels import wrench_groups
 
 
 @pytest.mark.parametrize(

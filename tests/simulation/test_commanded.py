@@ -12,7 +12,7 @@ import sim
 from experiments.reports.identify_report import following_lines, following_table
 from experiments.studies.user_files import Following, following
 from ident.errors import InputError
-from ident.recordings.plausibility import with_servos
+from ident.recordings.faults import with_servos
 from sim.simulation.commanded import rolled_out
 
 

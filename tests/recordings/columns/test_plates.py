@@ -12,9 +12,9 @@ from ident.geometry.se3 import pose
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.entries import read_segments
-from ident.recordings.columns.plates import external_loads
+from ident.recordings.entries import read_segments
 from ident.recordings.log import read_log
+from ident.recordings.plates import external_loads
 from ident.recordings.recording import Recording
 
 
