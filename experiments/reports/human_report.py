@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.simulated_person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_small
 from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page
+from experiments.studies.person_on_plates import MOVED, PersonStudy
+from experiments.studies.person_recordings import Laboratory
 from ident.display.plots import Axes, Figure, few_decades
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL

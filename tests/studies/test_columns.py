@@ -13,8 +13,7 @@ from guesses.odd_logs import arm, laboratory, motors, write
 import ident
 import scenes
 from experiments import columns, identify
-from experiments.data.simulated_person import Laboratory
-from experiments.studies.person_recordings import recorded
+from experiments.studies.person_recordings import Laboratory, recorded
 
 MODEL = next(iter(scenes.__path__)) + "/double_pendulum.xml"
 
