@@ -179,7 +179,7 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
     ("given", "message"),
     [
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
-        ({"body": "tool", "mass": -1.0}, "mass needs kilograms above zero"),
+        ({"body": "tool", "mass": -1.0}, "mass needs a number above 0"),
         ({"body": "tool", "loaded": []}, "A load needs recordings without it and with it"),
     ],
 )

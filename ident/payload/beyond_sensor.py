@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import check_type, checked_deviations, rpy_text
+from ident.arguments import checked_deviations, rpy_text
 from ident.errors import ExcitationError, InputError, LogError
 from ident.estimation.preparation import Prepared, at_rest, mounted, prepared
 from ident.files.table import BASE
@@ -30,7 +30,7 @@ from ident.identification import identified
 from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.identified_payload import SIZE, Payload, pose_of_body
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import PRIORS
@@ -79,11 +79,6 @@ class Weighing:
     rotation: np.ndarray
     opposite: bool
     unexplained: float
-
-    @property
-    def angle(self) -> float:
-        """Angle of the rotation, rad."""
-        return float(Rotation.from_matrix(self.rotation).magnitude())
 
 
 def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
@@ -186,11 +181,12 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"and yaw {rpy_text(angles)}°. Write rpy_deg = {rpy_text(angles)} under [base] in the columns file. Then "
             "check the sign of the wrench."
         )
-    if out.angle > TURNED:
+    angle = Rotation.from_matrix(out.rotation).magnitude()
+    if angle > TURNED:
         frame = Rotation.from_matrix(stated.pose[:3, :3] @ out.rotation.T)
         quaternion = ", ".join(f"{x:.4f}" for x in frame.as_quat(scalar_first=True, canonical=True))
         raise InputError(
-            f"The forces of '{sensor}' follow gravity far better in axes turned by {np.degrees(out.angle):.0f}° from "
+            f"The forces of '{sensor}' follow gravity far better in axes turned by {np.degrees(angle):.0f}° from "
             f"where they were stated{' and with the opposite sign' if out.opposite else ''}: its frame in that of the "
             f"payload's body looks like quaternion = [{quaternion}]."
         )
@@ -230,7 +226,7 @@ def known(part: Mechanism) -> dict[str, float]:
     return {"mass": 1.0, "center": SIZE, "inertia": float(max(1.0, SIZE**2 / max(least.max(), 1e-8)))}
 
 
-@typed("recording", "setup")
+@typed("setup")
 def identify_payload(
     robot: Mechanism,
     recording: Recording | Sequence[Recording],
@@ -260,12 +256,9 @@ def identify_payload(
         InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
         ExcitationError: The motion does not separate the payload from the sensor's offsets.
     """
-    check_type("recording", recording, Recording | Sequence, "a Recording, as of mc.read_log, or a list of them")
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("A payload needs at least one recording, got none.")
-    for k, each in enumerate(recordings):
-        check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
     robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
     robot = mounted(robot, recordings[0])
     part = beyond(robot, recordings, body)
@@ -334,12 +327,11 @@ def on_payload(
         place = pose_of_body(robot, body, stated.body, f"the wrench '{sensor}'") @ place
     on_it = stated.body is None or stated.body in part.tree.names
     left_out = ", ".join(name for name in recording.wrenches if name != sensor)
-    kept = [BASE, *(f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration"))]
-    names = {name: name for name in kept} | {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")}
+    names = {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")} | {BASE: BASE}
+    names |= {name: name for joint in part.joints for kind in STATES if (name := f"{joint}_{kind}")}
     own: dict[str, Any] = {
-        kind: {new: x[name] for name, new in names.items() if name in x}
+        kind: {names[name]: x for name, x in getattr(recording, kind).items() if name in names}
         for kind in ("measured", "units", "noise", "streams")
-        for x in [getattr(recording, kind)]
     }
     sensors = {GROUND: Sensor(None, place, stated.applied_to_link is on_it)}
     note = f"Wrenches besides '{sensor}' were left out: {left_out}." if left_out else ""
