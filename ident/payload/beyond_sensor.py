@@ -80,6 +80,11 @@ class Weighing:
     opposite: bool
     unexplained: float
 
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation, rad."""
+        return float(Rotation.from_matrix(self.rotation).magnitude())
+
 
 def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
     """Estimates mass, first moments and mounting from the wrench on a sensor's load.
@@ -181,12 +186,11 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"and yaw {rpy_text(angles)}°. Write rpy_deg = {rpy_text(angles)} under [base] in the columns file. Then "
             "check the sign of the wrench."
         )
-    angle = Rotation.from_matrix(out.rotation).magnitude()
-    if angle > TURNED:
+    if out.angle > TURNED:
         frame = Rotation.from_matrix(stated.pose[:3, :3] @ out.rotation.T)
         quaternion = ", ".join(f"{x:.4f}" for x in frame.as_quat(scalar_first=True, canonical=True))
         raise InputError(
-            f"The forces of '{sensor}' follow gravity far better in axes turned by {np.degrees(angle):.0f}° from "
+            f"The forces of '{sensor}' follow gravity far better in axes turned by {np.degrees(out.angle):.0f}° from "
             f"where they were stated{' and with the opposite sign' if out.opposite else ''}: its frame in that of the "
             f"payload's body looks like quaternion = [{quaternion}]."
         )
