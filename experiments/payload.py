@@ -25,41 +25,32 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"payload needs a model and logs, or logs of a body alone; got '{args.model}', no log.")
     if bool(args.loaded) is (args.sensor is not None):
         raise InputError("payload needs either --sensor NAME, or --loaded LOG beside logs without the load.")
+    if args.loaded and args.model is None:
+        raise InputError(f"--loaded needs the model of what carries the load, before logs; got '{args.logs[0]}' first.")
     if args.mass is not None and not args.loaded:
         raise InputError("--mass is the known mass of a load, which --loaded needs.")
-    if not args.body:
-        args.body = _stated_body(args)
+    if not args.body and not (args.loaded and args.columns):
+        raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file of a load.')
     folder = own_model.folder(args)
     robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
-    if args.flange:
-        place_of(robot, args.body, args.flange)
     logs, loaded = (
         [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in several]
         for several in (args.logs, args.loaded)
     )
-    fitting = {"body": args.body, "offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
+    body = args.body or loaded[0].loaded
+    if args.flange:
+        place_of(robot, body, args.flange)
+    fitting = {"body": body, "offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
     payload: Payload
     if loaded:
         payload = identify_load(robot, logs, loaded, mass=args.mass, **fitting)
     else:
         payload = identify_payload(robot, logs, sensor=args.sensor, **fitting)
-    report = payload_report.PayloadReport(payload, args.flange or args.body)
+    report = payload_report.PayloadReport(payload, args.flange or body)
     origin = own_model.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = options.output_of(args, folder)
     write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
-
-
-def _stated_body(args: argparse.Namespace) -> str:
-    """Body that carries the load, by the columns file."""
-    from ident.files.limits import table, toml
-
-    stated = args.columns and args.columns.suffix == ".toml"
-    entries = toml(args.columns, "a mapping of columns needs") if stated else {}
-    body = table("load", entries.get("load", {})).get("body")
-    if not isinstance(body, str):
-        raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file.')
-    return body
 
 
 OPTIONS: options.Options = {

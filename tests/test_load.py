@@ -93,6 +93,19 @@ def test_a_small_load_keeps_the_mass_that_torques_show(load):
     assert abs(values[0] - 0.04) < 0.01 and values[2] > -0.35
 
 
+def test_a_load_whose_mass_alone_is_known_is_usable_for_that(load, monkeypatch):
+    body = load.in_frame()
+    for unknown, outcome in ((3, "partly"), (4, "usable")):
+        seen = body._replace(identifiable=np.arange(10) < unknown)
+        own = replace(load)
+        monkeypatch.setattr(type(load), "in_frame", lambda *_, seen=seen: seen)
+        assert own.verdict().outcome.value == outcome
+        named = [each for each in own.findings if each.code == "payload_mass_unknown"]
+        assert [each.values["quantities"] for each in named] == [["centre z"]] * (unknown == 3)
+        assert not any(each.doubt for each in named)
+        assert ("Use its mass alone, 1.99" in own.verdict().brief) is (unknown == 3)
+
+
 def test_what_a_load_does_not_explain_widens_its_intervals(load):
     """A change of what both recordings share, such as a cable's pull, in one of them."""
     full, body = load.estimate.trajectory, load.robot.bodies.index("tool")
@@ -178,7 +191,7 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
     ("given", "message"),
     [
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
-        ({"body": "tool", "mass": -1.0}, "mass needs kilograms above zero"),
+        ({"body": "tool", "mass": -1.0}, "mass needs a number above 0"),
         ({"body": "tool", "loaded": []}, "A load needs recordings without it and with it"),
     ],
 )

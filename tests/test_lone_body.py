@@ -114,7 +114,7 @@ def test_the_prior_s_share_in_the_smallest_moment_is_what_a_change_of_the_data_d
     off = centre - axis * (axis @ centre)
     gradient = np.r_[off @ off, -2 * off, axis**2, 2 * axis[[0, 0, 1]] * axis[[1, 2, 2]]]
     change = 1e-2 * C @ gradient / np.sqrt(gradient @ C @ gradient)
-    ahead, behind = (physical(estimate.psi + step).phi for step in (change[payload._seen], -change[payload._seen]))
+    ahead, behind = (physical(estimate.psi + sign * change @ payload._seen).phi for sign in (1, -1))
     assert gradient @ (ahead - behind) / (2 * gradient @ change) == pytest.approx(1 - prior, rel=1e-3)
     assert 0.1 < prior < 0.9
     (finding,) = coded(payload, "payload_axis_rough")

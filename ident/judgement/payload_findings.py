@@ -21,6 +21,9 @@ from ident.tolerances import INTERVAL, POOR, SIGNIFICANT
 FORCES = COMPONENTS[:3]
 """Channels of the force."""
 
+PLACES = ("mass", "centre x", "centre y", "centre z")
+"""Mass and coordinates of the centre of mass, in the order of the parameters."""
+
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, in the order of the parameters."""
 
@@ -69,7 +72,7 @@ def payload_findings(
         far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
         on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
-    on_fit += _undetermined(identifiable[:4], identifiable)
+    on_fit += _undetermined(identifiable)
     if least is not None and least[1] > ROUGH:
         (x, y, z), std, prior = least[0].tolist(), *least[1:]
         on_fit.append(Finding.of("payload_axis_rough", x=x, y=y, z=z, std=std, prior=prior))
@@ -105,7 +108,7 @@ def load_findings(
     if mass > robot:
         out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
     # A mass that is not shown is a doubt of its own.
-    out += _undetermined(identifiable[1:4], identifiable)
+    out += _undetermined(np.r_[True, identifiable[1:]])
     if rubs:
         out.append(Finding.of("load_changes_friction"))
     chi2, freedom = differing
@@ -114,10 +117,10 @@ def load_findings(
     return doubts_first(out)
 
 
-def _undetermined(needed: np.ndarray, identifiable: np.ndarray) -> Iterator[Finding]:
-    """Findings on quantities that are not identifiable: a doubt if one of those needed is not."""
-    if not needed.all():
-        yield Finding.of("payload_mass_unknown")
+def _undetermined(identifiable: np.ndarray) -> Iterator[Finding]:
+    """Findings on quantities that are not identifiable: a doubt if the mass is not."""
+    if unknown := [name for name, known in zip(PLACES, identifiable, strict=False) if not known]:
+        yield Finding.of("payload_mass_unknown", doubt="mass" in unknown, quantities=unknown)
     if unknown := _unknown(identifiable):
         yield Finding.of("payload_inertia_unknown", quantities=unknown)
 
@@ -166,7 +169,9 @@ class PayloadVerdict(Verdict):
         mass, centre, inertia = (float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:]))
         within: dict[str, Any] = {"mass_within": mass, "centre_within": centre}
         within |= {"inertia_within": None if _unknown(identifiable) else inertia}
-        return replace(cls.of(evidence, findings, mass=float(values[0]), **within), precision=None)
+        out = replace(cls.of(evidence, findings, mass=float(values[0]), **within), precision=None)
+        alone = out.outcome is Outcome.USABLE and not identifiable[:4].all()
+        return replace(out, outcome=Outcome.PARTLY) if alone else out
 
     def _part(self) -> str:
         return f"{self.brief} Turn the sensor further and faster for centre and inertias."

@@ -117,7 +117,7 @@ def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
 def advice(worse: Mapping[str, Any], take: str, cutoff_hz: float | None, **_: Any) -> str:
     """Candidate to take instead of the estimate."""
     if take == "model":
-        return "Keep the model."
+        return "Keep the model, or record more."
     if take == "least squares":
         return f"Take least squares, --estimator weighted{'' if cutoff_hz is None else f' --cutoff {cutoff_hz:.3g}'}."
     return (

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import check_type, checked_deviations, rpy_text
+from ident.arguments import checked_deviations, rpy_text
 from ident.errors import ExcitationError, InputError, LogError
 from ident.estimation.preparation import Prepared, at_rest, mounted, prepared
 from ident.files.table import BASE
@@ -30,7 +30,7 @@ from ident.identification import identified
 from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.identified_payload import SIZE, Payload, pose_of_body
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import PRIORS
@@ -230,7 +230,7 @@ def known(part: Mechanism) -> dict[str, float]:
     return {"mass": 1.0, "center": SIZE, "inertia": float(max(1.0, SIZE**2 / max(least.max(), 1e-8)))}
 
 
-@typed("recording", "setup")
+@typed("setup")
 def identify_payload(
     robot: Mechanism,
     recording: Recording | Sequence[Recording],
@@ -260,12 +260,9 @@ def identify_payload(
         InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
         ExcitationError: The motion does not separate the payload from the sensor's offsets.
     """
-    check_type("recording", recording, Recording | Sequence, "a Recording, as of mc.read_log, or a list of them")
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("A payload needs at least one recording, got none.")
-    for k, each in enumerate(recordings):
-        check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
     robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
     robot = mounted(robot, recordings[0])
     part = beyond(robot, recordings, body)
@@ -334,12 +331,11 @@ def on_payload(
         place = pose_of_body(robot, body, stated.body, f"the wrench '{sensor}'") @ place
     on_it = stated.body is None or stated.body in part.tree.names
     left_out = ", ".join(name for name in recording.wrenches if name != sensor)
-    kept = [BASE, *(f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration"))]
-    names = {name: name for name in kept} | {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")}
+    names = {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")} | {BASE: BASE}
+    names |= {name: name for joint in part.joints for kind in STATES if (name := f"{joint}_{kind}")}
     own: dict[str, Any] = {
-        kind: {new: x[name] for name, new in names.items() if name in x}
+        kind: {names[name]: x for name, x in getattr(recording, kind).items() if name in names}
         for kind in ("measured", "units", "noise", "streams")
-        for x in [getattr(recording, kind)]
     }
     sensors = {GROUND: Sensor(None, place, stated.applied_to_link is on_it)}
     note = f"Wrenches besides '{sensor}' were left out: {left_out}." if left_out else ""

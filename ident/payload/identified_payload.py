@@ -153,25 +153,22 @@ class Payload(Brief):
         return self._whole.regroup(self.physical.phi)
 
     @property
-    def _seen(self) -> list[int]:
-        """Indices of what the poses show of φ."""
-        return [self._whole.kept.index(k) for k in self.estimate.base.kept]
+    def _seen(self) -> np.ndarray:
+        """Matrix from what the poses show of φ to φ, zero for the rest (10, r)."""
+        return np.eye(10)[:, [self._whole.kept.index(k) for k in self.estimate.base.kept]]
 
     @property
     def _beside(self) -> np.ndarray:
         """φ by the data alone, less that of the physical body (10,)."""
-        out = np.zeros(10)
-        out[self._seen] = self.estimate.psi - self.physical.psi
-        return out
+        return np.asarray(self._seen @ (self.estimate.psi - self.physical.psi))
 
     @property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
         """Covariances of φ of the payload as one body, from the noise and with that of the set-up (10, 10)."""
-        seen = np.ix_(self._seen, self._seen)
-        rank, unknown = self.estimate.base.rank, np.diag(np.repeat(self._phi[0] * SIZE**2, 10)) ** 2
-        noise, wider = unknown.copy(), unknown
-        noise[seen], wider[seen] = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
-        return noise, wider
+        S, rank = self._seen, self.estimate.base.rank
+        unknown = (self._phi[0] * SIZE**2) ** 2 * np.diag(1 - S.sum(axis=1))
+        noise, wider = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
+        return unknown + S @ noise @ S.T, unknown + S @ wider @ S.T
 
     @cached_property
     def _whole(self) -> BaseParameters:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, special
 
-from ident.annotations import typed
+from ident.annotations import NotNegative, Positive, typed
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
@@ -39,9 +39,9 @@ from ident.setup import FRICTION, OFFSET, SETUP
 from ident.tolerances import HOLDOUT, SIGNIFICANT
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.fit.precision import embedded, inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
-from ident.trajectory.trajectory_estimate import own_columns
+from ident.trajectory.trajectory_estimate import RUBS, own_columns
 
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
@@ -117,13 +117,13 @@ def _joined(
     alone = np.flatnonzero(B[:, end:].any(axis=1))
     own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
     mean = np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
+    prior = Prior(mean, linalg.block_diag(*own), first.prior.weight)
     maps = list(zip(fits, (A, B), strict=True))
     # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
     free = np.any([np.arange(len(names)) < 10, *(fit.free @ np.abs(T) > 0 for fit, T in maps)], axis=0)
     fit = replace(
         first,
         names=names,
-        prior=Prior(mean, linalg.block_diag(*own), first.prior.weight),
         theta=np.zeros(len(names)),
         free=free,
         bounded=np.any([fit.bound @ np.abs(T) > 0 for fit, T in maps], axis=0) & ~free,
@@ -131,15 +131,17 @@ def _joined(
         shares=[(T.T @ P @ T, T.T @ (g + P @ fit.theta)) for fit, T in maps for P, g in fit.shares],
         scatters=[T.T @ M @ T for fit, T in maps for M in fit.scatter_shares],
     )
-    solved, cost = fit, 0.0
+    solved = fit
     for _ in range(STEPS if load.mean.any() and len(scales) else 1):
-        solved, cost = _solved(replace(fit, prior=_with_load(fit.prior, load, scales, solved.theta)))
+        fit = replace(fit, prior=_with_load(prior, load, scales, solved.theta))
+        theta = embedded(inverse_of_precision(fit.precision[np.ix_(free, free)], names), free) @ fit.gradient
+        solved = replace(fit, theta=theta, shares=[(P, g - P @ theta) for P, g in fit.shares])
     places = {name: k for k, name in enumerate(names)}
     setup = {places[each.name]: each for each in without.setup.values()}
     setup |= {places[name]: each for each in loaded.setup.values() if (name := each.name + LOADED) in places}
     joint = replace(without.with_fit(solved), setup=setup)
     scaled = np.r_[np.ones(10, bool), _stated(without), np.zeros(len(names) - end, bool)]
-    return joint.with_fit(_as_stated(joint, back=scaled)), cost
+    return joint.with_fit(_as_stated(joint, back=scaled)), -float(fit.gradient @ solved.theta)
 
 
 def _maps(
@@ -171,14 +173,6 @@ def _with_load(prior: Prior, load: Prior, scales: np.ndarray, theta: np.ndarray)
     seen = np.flatnonzero(precision.any(axis=0))
     mean[seen] = np.linalg.lstsq(precision[np.ix_(seen, seen)], right[seen], rcond=None)[0]
     return Prior(mean, precision, prior.weight)
-
-
-def _solved(fit: TrajectoryFit) -> tuple[TrajectoryFit, float]:
-    """The fit, stated about zero, with its free parameters where the right side vanishes, and the change of cost."""
-    free, theta = fit.free, np.zeros(len(fit.names))
-    theta[free] = inverse_of_precision(fit.precision[np.ix_(free, free)], fit.names) @ fit.gradient[free]
-    shares = [(P, g - P @ theta) for P, g in fit.shares]
-    return replace(fit, theta=theta, shares=shares), -float(fit.gradient @ theta)
 
 
 def _scales(estimate: TrajectoryEstimate) -> np.ndarray:
@@ -293,17 +287,11 @@ class Load(Payload):
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the load and on both estimates, the doubts first."""
-        body = self.in_frame()
-        rubs = tuple(name for name in self.joint.fit.names if name.startswith(("Fc", "Fv")) and name.endswith(LOADED))
+        body, others = self.in_frame(), (*self.without.findings, *self.estimate.findings)
+        rubs = any(name.startswith(RUBS) and name.endswith(LOADED) for name in self.joint.fit.names)
+        mass, std = float(self.joint.fit.theta[0]), float(body.std_setup[0])
         return load_findings(
-            (*self.without.findings, *self.estimate.findings),
-            float(self.joint.fit.theta[0]),
-            float(body.std_setup[0]),
-            self.weighed,
-            self.robot.mass,
-            body.identifiable,
-            rubs=bool(rubs),
-            differing=self.differing,
+            others, mass, std, self.weighed, self.robot.mass, body.identifiable, rubs=rubs, differing=self.differing
         )
 
     def phi_of_robot(self) -> np.ndarray:
@@ -320,8 +308,8 @@ def identify_load(
     loaded: Recording | Sequence[Recording] = (),
     *,
     body: str = "",
-    mass: float | None = None,
-    mass_std: float = 0.0,
+    mass: Positive | None = None,
+    mass_std: NotNegative = 0.0,
     offsets: bool = True,
     holdout: float = HOLDOUT,
     setup: Mapping[str, float] | None = None,
@@ -359,8 +347,6 @@ def identify_load(
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."
         )
-    if (mass is not None and not mass > 0) or mass_std < 0:
-        raise InputError(f"mass needs kilograms above zero, and mass_std zero or more; got {mass} and {mass_std}.")
     if not all(several):
         raise InputError("A load needs recordings without it and with it, got none of one kind.")
     several = [[replace(each, loaded="") for each in logs] for logs in several]

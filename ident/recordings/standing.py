@@ -55,9 +55,10 @@ def about_origins(
             out[key] = np.where(quiet[:, None] & measured, 0.0, out[key])
         if quiet.any():
             unused = "" if plate.point is None else ", nor is its point of application used"
+            size = np.sqrt(np.nanmean((channels[force][quiet][:, known] ** 2).sum(axis=1)))
             notes.append(
                 f"The wrench '{name}' counts as nothing in {quiet.sum()} of {len(quiet)} samples, whose force is at "
-                f"most {plate.threshold:g} N{unused}."
+                f"most {plate.threshold:g} N, {size:.2g} N root mean square{unused}."
             )
     return out
 

@@ -174,7 +174,7 @@ EXAMPLES = {
     "load_not_shown": [{"mass": 0.02, "std": 0.03}],
     "load_changes_friction": [{}],
     "load_recordings_differ": [{"rms_z": 1.7}],
-    "payload_mass_unknown": [{}],
+    "payload_mass_unknown": [{"quantities": ["mass", "centre z"]}],
     "payload_axis_rough": [{"x": 0.02, "y": -1.0, "z": 0.05, "std": 0.32, "prior": 0.26}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }
