@@ -312,7 +312,7 @@ class Stages:
 
     def _opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals."""
-        fit, measurement = estimate.fit, self.measurement
+        fit, measurement = estimate.fit, estimate.measurement
         own = [fit.theta[selected] for selected in fit.selections]
         places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
         rates = [speeds(measurement, *place) for place in places]
@@ -412,15 +412,19 @@ class Stages:
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate.
 
+        Friction near reversals is estimated anew where set-up errors have been found since: residuals contained them.
         The gradient's covariance is computed again: short as the step is, directions that recordings leave
         undetermined, such as the common scale of bodies and torques, turn with θ.
         """
         fit = estimate.fit
         if fit.status != "near":
             return estimate
+        if estimate.reversals is not None and estimate.search.deviations:
+            estimate = self._opened(estimate)
         again = self.refit_of(estimate, settled=SETTLED)(fit.end, fit.free, iteration.ROUNDS)
         again = replace(again, scatters=fit.scatters, trace=(*fit.trace, *again.trace))
-        return self.scattered(estimate.with_fit(again))
+        estimate = replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
+        return self.scattered(estimate)
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
