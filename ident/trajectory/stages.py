@@ -28,7 +28,7 @@ from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece, residual
-from ident.trajectory.fit.repeats import REPEATED, repeating
+from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.result import TrajectoryEstimate
@@ -269,8 +269,7 @@ class Stages:
 
     def _repeats(self, estimate: TrajectoryEstimate) -> bool:
         """True if pieces repeat motions and what is left of them, so that each predicts the others' errors as well."""
-        repeated = repeating(self.measurement, estimate.fit)
-        return len(repeated) == len(estimate.counts) and all(variance > REPEATED for _, variance in repeated.values())
+        return sum(len(each.starts) for each in repeating(self.measurement, estimate.fit)) == len(estimate.counts)
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""
