@@ -312,11 +312,9 @@ class Stages:
     def _opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals."""
         fit, measurement = estimate.fit, estimate.measurement
-        own = [fit.theta[selected] for selected in fit.selections]
-        places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
-        rates = [speeds(measurement, *place) for place in places]
-        left = np.concatenate([residual(measurement, *place) for place in places])
-        reversals = likeliest(measurement.equations, left, np.concatenate(rates), own[0])
+        rates = [speeds(measurement, *point[:3]) for point in fit.points]
+        left = np.concatenate([residual(measurement, point) for point in fit.points])
+        reversals = likeliest(measurement.equations, left, np.concatenate(rates), fit.points[0].theta)
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 

@@ -97,14 +97,11 @@ def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[l
 
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
-    places = list(zip(fit.pieces, fit.coefficients, fit.selections, strict=True))
     out = list[RepeatedMotion]()
     for each in (own for own in trials(fit) if own.lag < np.inf):
-        times, left = list[np.ndarray](), list[np.ndarray]()
-        for piece, c, at in places:
-            if piece.log in each.starts:
-                times.append(piece.when + each.starts[piece.log])
-                left.append(residual(measurement, piece, c, fit.theta[at]) / fit.noises[piece.log].channels)
+        own = [point for point in fit.points if point.piece.log in each.starts]
+        times = [point.piece.when + each.starts[point.piece.log] for point in own]
+        left = [residual(measurement, point) / point.noise.channels for point in own]
         if np.median(repetition(times, left, each.lag)) > REPEATED:
             out.append(each)
     return out
