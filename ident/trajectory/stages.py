@@ -168,7 +168,7 @@ class Stages:
             reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
-        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_estimated, EXPLORED)
+        fit = self._refit(pieces, selected)(at, ~self.is_setup | self.is_estimated, EXPLORED)
         stated = tuple(Deviation(k, ()) for k, each in self.setup.items() if each.row.stated)
         how = Search(fit, stated), counts, tuple(steps), self.known
         return TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
@@ -177,7 +177,7 @@ class Stages:
         """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
         p, free = len(self.measurement.names), ~self.is_setup
         prior = self.prior.mean[:p], self.prior.precision[:p, :p]
-        begin = start(self.measurement, pieces, alone, prior[0], prior, free[:p])
+        begin = start(self.measurement, pieces, alone, prior, free[:p])
         theta = self.prior.mean.copy()
         for chosen in selected:
             theta[chosen] = begin.theta
@@ -192,7 +192,7 @@ class Stages:
         ]
         pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
         at = Start(was.theta, was.noises, places)
-        fit = self._refit(pieces, selected, explore=True)(at, was.free, EXPLORED)
+        fit = self._refit(pieces, selected)(at, was.free, EXPLORED)
         return replace(coarse.with_fit(fit), steps=tuple(steps))
 
     def _cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
@@ -262,14 +262,12 @@ class Stages:
 
         if len(fit.pieces) < 2:
             return with_prior()
-        worth = -WORTH_A_PRIOR if self._repeats(estimate) else WORTH_A_PRIOR
+        # Pieces that repeat motions and what is left of them predict each other's errors as well.
+        repeated = sum(len(each.starts) for each in repeating(self.measurement, fit)) == len(estimate.counts)
+        worth = -WORTH_A_PRIOR if repeated else WORTH_A_PRIOR
         chosen = better(estimate, "prior", with_prior, worth)
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
-
-    def _repeats(self, estimate: TrajectoryEstimate) -> bool:
-        """True if pieces repeat motions and what is left of them, so that each predicts the others' errors as well."""
-        return sum(len(each.starts) for each in repeating(self.measurement, estimate.fit)) == len(estimate.counts)
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""
@@ -442,39 +440,33 @@ class Stages:
             estimate: The estimate.
             settled: Tolerance with which fits end.
         """
-        fit, how = estimate.fit, (estimate.coloured, estimate.reversals)
-        return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled, usual=fit.unbound.free)
+        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled)
 
     def _refit(
         self,
         pieces: Sequence[Piece],
         selected: Sequence[np.ndarray],
-        coloured: bool = False,
-        reversals: Reversals | None = None,
-        *,
-        prior: Prior | None = None,
-        explore: bool = False,
+        estimate: TrajectoryEstimate | None = None,
         settled: Tolerance = NEAR,
-        usual: np.ndarray | None = None,
     ) -> Refit:
-        """Function that fits pieces, each with its own subset of the parameters.
+        """Function that fits pieces, each with its own subset of the parameters, as an estimate; to explore by default.
 
-        Drives that are not among the `usual` parameters (p,) are fitted only where they are free.
+        Drives that the estimate does not have are fitted only where they are free.
         """
         solve = partial(
             iteration.fit,
-            self.measured(reversals),
+            self.measurement if estimate is None else self.measured(estimate.reversals),
             pieces,
-            prior=prior or self.prior,
+            prior=self.prior if estimate is None else estimate.fit.prior,
             names=self.names,
             selections=selected,
-            coloured=coloured,
-            explore=explore,
+            coloured=estimate is not None and estimate.coloured,
+            explore=estimate is None,
             settled=settled,
             executor=self.executor,
             report=self.report,
         )
-        drives = self._is_drive if usual is None else self._is_drive & usual
+        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
