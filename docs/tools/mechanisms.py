@@ -25,7 +25,7 @@ from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.trajectory.algebra.spline import Spline
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -192,7 +192,7 @@ def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[],
 
     def way(predictor: Any) -> Callable[[], Linearised]:
         root = 0.1 * np.eye(p)
-        return partial(linearised, predictor, piece, coefficients, theta=theta, noise=noise, root=root)
+        return partial(linearised, predictor, Point(piece, coefficients, theta, noise), root=root)
 
     return way(measurement), way(_Dense(measurement))
 

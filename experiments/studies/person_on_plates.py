@@ -28,7 +28,7 @@ from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording
 from ident.tolerances import INTERVAL
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.piece import Piece, Point
 from ident.trajectory.fit.piece_equations import normal_equations
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
@@ -212,8 +212,8 @@ class PersonStudy:
             # A trajectory through too few samples to be determined adds no information.
             with suppress(np.linalg.LinAlgError):
                 coefficients = fit.coefficients[k][: begun.spline.size]
-                at = coefficients, fit.theta, fit.noises[begun.log]
-                equations = normal_equations(joint.measurement, begun, *at, np.arange(len(fit.theta)))
+                at = Point(begun, coefficients, fit.theta, fit.noises[begun.log])
+                equations = normal_equations(joint.measurement, at, np.arange(len(fit.theta)))
                 self._begun[k, seconds] = equations.eliminated.precision
         return self._begun[k, seconds]
 

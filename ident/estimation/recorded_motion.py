@@ -76,8 +76,10 @@ def base_motion_from_poses(
 
 
 def base_coordinates(T: np.ndarray) -> np.ndarray:
-    """Positions and quaternions without jumps of sign (N, 7) of poses (N, 4, 4)."""
-    return np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
+    """Positions and quaternions without jumps of sign of poses (N, 4, 4), NaN where one is missing (N, 7)."""
+    there, out = np.isfinite(T).all(axis=(1, 2)), np.full((len(T), 7), np.nan)
+    out[there] = np.hstack([T[there, :3, 3], continuous_quaternions(T[there, :3, :3])])
+    return out
 
 
 _CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()

@@ -14,7 +14,7 @@ from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
-from ident.trajectory.fit.repeats import REPEATED, repeating
+from ident.trajectory.fit.repeats import repeating
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -82,8 +82,10 @@ def repetition_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on motions that repeat together with what is not explained."""
     if evidence.trajectory is not None:
         every = repeating(evidence.trajectory.measurement, evidence.trajectory.fit)
-        if periods := tuple(T for T, variance in every.values() if variance > REPEATED):
+        if periods := tuple(each.period for each in every for _ in each.starts if each.period < np.inf):
             yield Finding.of("motion_repeats", periods=periods)
+        if logs := tuple(1 + log for each in every if len(each.starts) > 1 for log in each.starts):
+            yield Finding.of("logs_repeat", logs=logs)
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -84,11 +84,11 @@ def correlated(estimate: TrajectoryEstimate) -> np.ndarray:
     fit = estimate.fit
     products = np.zeros((2, len(fit.noises), len(fit.channel_noise)))
     squares = np.full(products.shape[1:], TINIEST)
-    for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True):
-        left = residual(estimate.measurement, piece, c, fit.theta[own])
+    for point in fit.points:
+        piece, left = point.piece, residual(estimate.measurement, point)
         clear = np.isfinite(left)
         if piece.slack is not None:
-            clear &= piece.slack < fit.noises[piece.log].channels
+            clear &= piece.slack < point.noise.channels
         left = np.where(clear, left, 0.0)
         squares[piece.log] += (left**2).sum(axis=0)
         for k, lag in enumerate((1, max(1, round(piece.spline.step / float(np.median(np.diff(piece.when))))))):

@@ -59,11 +59,10 @@ class Smoothed:
         for j, at in measurement.zeros.items():
             states[0, :, j] -= theta[at]
         if part is not None:
-            borders = (
-                np.linspace(part.start, part.stop, estimate.counts[self.which or 0] + 1).round().astype(int).tolist()
-            )
-            for (a, b), (own, c) in zip(pairwise(borders), estimate.places_of(self.which or 0), strict=True):
-                states[:, a:b] = own.spline.evaluate(c, when[a:b])[:3]
+            points = [point for point in estimate.fit.points if point.piece.log == (self.which or 0)]
+            borders = np.linspace(part.start, part.stop, len(points) + 1).round().astype(int).tolist()
+            for (a, b), point in zip(pairwise(borders), points, strict=True):
+                states[:, a:b] = point.piece.spline.evaluate(point.coefficients, when[a:b])[:3]
         motion = measurement.motion(states)
         measured = piece_channels(measurement, piece, states, theta)
         if measurement.in_world_axes and motion.base is not None:

@@ -8,9 +8,9 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
-from ident.estimation.recorded_motion import REFERENCES, WIDTH, measured_poses, usual_cutoff
+from ident.estimation.recorded_motion import REFERENCES, WIDTH, base_coordinates, measured_poses, usual_cutoff
 from ident.files.table import BASE
-from ident.geometry.se3 import continuous_quaternions, without_jumps
+from ident.geometry.se3 import without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff
 from ident.recordings.times import Sampled, between_samples, interpolated, side_by_side
@@ -53,16 +53,8 @@ def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
     parts = [Sampled(t, without_jumps(x)) if x.ndim == 2 else Sampled(t, x) for t, x in parts]
     if recording.base is not None:
         time, poses = recording.as_measured(BASE)
-        parts.insert(0, Sampled(time, _positions_and_quaternions(poses.reshape(-1, 4, 4))))
+        parts.insert(0, Sampled(time, base_coordinates(poses.reshape(-1, 4, 4))))
     return side_by_side(parts)
-
-
-def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
-    """Positions, and quaternions without jumps of sign, of poses (N, 4, 4); NaN where a pose is missing (N, 7)."""
-    there = np.isfinite(poses).all(axis=(1, 2))
-    out = np.full((len(poses), 7), np.nan)
-    out[there] = np.hstack([poses[there, :3, 3], continuous_quaternions(poses[there, :3, :3])])
-    return out
 
 
 def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, *, least: int = 2) -> list[Piece]:
@@ -145,12 +137,8 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
-    halves = (
-        np.nan_to_num(references)
-        .reshape(len(time), len(poses), 2, 6)
-        .swapaxes(1, 2)
-        .reshape(len(time), 2, 6 * len(poses))
-    )
+    halves = np.nan_to_num(references).reshape(len(time), len(poses), 2, 6).swapaxes(1, 2)
+    halves = halves.reshape(len(time), 2, 6 * len(poses))
     return Sampled(time, values), np.concatenate([np.stack([averages, wrenches - averages], axis=1), halves], axis=2)
 
 

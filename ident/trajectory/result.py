@@ -13,7 +13,6 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.setup_parameters import SetupParameter
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.reversals import Reversals
 from ident.trajectory.setup_search import NEGLIGIBLE, Deviation, Search
@@ -160,8 +159,3 @@ class TrajectoryEstimate:
             return mean
         columns = len(self.measurement.equations.names)
         return np.r_[mean[:columns], every[which][columns:]] if left_out else every[which]
-
-    def places_of(self, which: int) -> list[tuple[Piece, np.ndarray]]:
-        """Pieces and spline coefficients of one recording."""
-        own = self.pieces_of(which)
-        return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))

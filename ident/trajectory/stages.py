@@ -28,7 +28,7 @@ from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece, residual
-from ident.trajectory.fit.repeats import REPEATED, repeating
+from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.result import TrajectoryEstimate
@@ -168,7 +168,7 @@ class Stages:
             reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
-        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_estimated, EXPLORED)
+        fit = self._refit(pieces, selected)(at, ~self.is_setup | self.is_estimated, EXPLORED)
         stated = tuple(Deviation(k, ()) for k, each in self.setup.items() if each.row.stated)
         how = Search(fit, stated), counts, tuple(steps), self.known
         return TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
@@ -177,7 +177,7 @@ class Stages:
         """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
         p, free = len(self.measurement.names), ~self.is_setup
         prior = self.prior.mean[:p], self.prior.precision[:p, :p]
-        begin = start(self.measurement, pieces, alone, prior[0], prior, free[:p])
+        begin = start(self.measurement, pieces, alone, prior, free[:p])
         theta = self.prior.mean.copy()
         for chosen in selected:
             theta[chosen] = begin.theta
@@ -192,7 +192,7 @@ class Stages:
         ]
         pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
         at = Start(was.theta, was.noises, places)
-        fit = self._refit(pieces, selected, explore=True)(at, was.free, EXPLORED)
+        fit = self._refit(pieces, selected)(at, was.free, EXPLORED)
         return replace(coarse.with_fit(fit), steps=tuple(steps))
 
     def _cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
@@ -262,15 +262,12 @@ class Stages:
 
         if len(fit.pieces) < 2:
             return with_prior()
-        worth = -WORTH_A_PRIOR if self._repeats(estimate) else WORTH_A_PRIOR
+        # Pieces that repeat motions and what is left of them predict each other's errors as well.
+        repeated = sum(len(each.starts) for each in repeating(self.measurement, fit)) == len(estimate.counts)
+        worth = -WORTH_A_PRIOR if repeated else WORTH_A_PRIOR
         chosen = better(estimate, "prior", with_prior, worth)
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
-
-    def _repeats(self, estimate: TrajectoryEstimate) -> bool:
-        """True if pieces repeat motions and what is left of them, so that each predicts the others' errors as well."""
-        repeated = repeating(self.measurement, estimate.fit)
-        return len(repeated) == len(estimate.counts) and all(variance > REPEATED for _, variance in repeated.values())
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""
@@ -312,12 +309,10 @@ class Stages:
 
     def _opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals."""
-        fit, measurement = estimate.fit, self.measurement
-        own = [fit.theta[selected] for selected in fit.selections]
-        places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
-        rates = [speeds(measurement, *place) for place in places]
-        left = np.concatenate([residual(measurement, *place) for place in places])
-        reversals = likeliest(measurement.equations, left, np.concatenate(rates), own[0])
+        fit, measurement = estimate.fit, estimate.measurement
+        rates = [speeds(measurement, *point[:3]) for point in fit.points]
+        left = np.concatenate([residual(measurement, point) for point in fit.points])
+        reversals = likeliest(measurement.equations, left, np.concatenate(rates), fit.points[0].theta)
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
@@ -412,15 +407,19 @@ class Stages:
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate.
 
+        Friction near reversals is estimated anew where set-up errors have been found since: residuals contained them.
         The gradient's covariance is computed again: short as the step is, directions that recordings leave
         undetermined, such as the common scale of bodies and torques, turn with θ.
         """
         fit = estimate.fit
         if fit.status != "near":
             return estimate
+        if estimate.reversals is not None and estimate.search.deviations:
+            estimate = self._opened(estimate)
         again = self.refit_of(estimate, settled=SETTLED)(fit.end, fit.free, iteration.ROUNDS)
         again = replace(again, scatters=fit.scatters, trace=(*fit.trace, *again.trace))
-        return self.scattered(estimate.with_fit(again))
+        estimate = replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
+        return self.scattered(estimate)
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
@@ -441,39 +440,33 @@ class Stages:
             estimate: The estimate.
             settled: Tolerance with which fits end.
         """
-        fit, how = estimate.fit, (estimate.coloured, estimate.reversals)
-        return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled, usual=fit.unbound.free)
+        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled)
 
     def _refit(
         self,
         pieces: Sequence[Piece],
         selected: Sequence[np.ndarray],
-        coloured: bool = False,
-        reversals: Reversals | None = None,
-        *,
-        prior: Prior | None = None,
-        explore: bool = False,
+        estimate: TrajectoryEstimate | None = None,
         settled: Tolerance = NEAR,
-        usual: np.ndarray | None = None,
     ) -> Refit:
-        """Function that fits pieces, each with its own subset of the parameters.
+        """Function that fits pieces, each with its own subset of the parameters, as an estimate; to explore by default.
 
-        Drives that are not among the `usual` parameters (p,) are fitted only where they are free.
+        Drives that the estimate does not have are fitted only where they are free.
         """
         solve = partial(
             iteration.fit,
-            self.measured(reversals),
+            self.measurement if estimate is None else self.measured(estimate.reversals),
             pieces,
-            prior=prior or self.prior,
+            prior=self.prior if estimate is None else estimate.fit.prior,
             names=self.names,
             selections=selected,
-            coloured=coloured,
-            explore=explore,
+            coloured=estimate is not None and estimate.coloured,
+            explore=estimate is None,
             settled=settled,
             executor=self.executor,
             report=self.report,
         )
-        drives = self._is_drive if usual is None else self._is_drive & usual
+        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)

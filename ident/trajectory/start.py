@@ -55,7 +55,6 @@ def start(
     measurement: Measurement,
     pieces: Sequence[Piece],
     alone: Start,
-    theta: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
 ) -> Start:
@@ -65,13 +64,12 @@ def start(
         measurement: Channels and parameters.
         pieces: Measured samples.
         alone: Coordinates smoothed alone.
-        theta: Initial parameters (p,).
         prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
-        free: Mask of the entries of θ to fit (p,).
+        free: Mask of the entries of θ to fit; the others have their means (p,).
     """
     names, alike, noises = measurement.equations.channels, _alike(measurement), list[Noise]()
     floor = least_noise([piece.signal for piece in pieces], names)
-    theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free, floor)
+    theta, channels = _regressed(measurement, pieces, alone.coefficients, prior, free, floor)
     for log, noise in enumerate(alone.noises):
         own = least_noise([piece.signal for piece in pieces if piece.log == log], names)
         std, rho = np.maximum(channels, own), np.zeros(len(own))
@@ -157,21 +155,17 @@ def _regressed(
     measurement: Measurement,
     pieces: Sequence[Piece],
     coefficients: Sequence[np.ndarray],
-    theta: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
+    theta, precision = prior[0].copy(), prior[1][np.ix_(free, free)]
     A, b = _linear(measurement, pieces, coefficients, theta, free)
     std = channel_scales([piece.signal for piece in pieces], measurement.equations.channels)
-    mean, precision = prior
-    pull = -(precision @ (theta - mean))[free]
-    b = np.where(_loose(pieces, std), np.nan, b)
-    step, std = reweighted(b, A, std, floor, precision[np.ix_(free, free)], pull)
-    out = theta.copy()
-    out[free] += step
-    return out, std
+    step, std = reweighted(np.where(_loose(pieces, std), np.nan, b), A, std, floor, precision)
+    theta[free] += step
+    return theta, std
 
 
 def reweighted(
@@ -180,7 +174,6 @@ def reweighted(
     std: np.ndarray,
     floor: np.ndarray,
     precision: np.ndarray | float = 0.0,
-    pull: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of least squares reweighted by channel (k,), and the channels' standard deviations (C,).
 
@@ -189,8 +182,7 @@ def reweighted(
         columns: Their derivatives by the coefficients (N, C, k).
         std: Standard deviations of the channels in the first fit (C,).
         floor: Least ones (C,).
-        precision: Precision of a prior of the coefficients (k, k).
-        pull: Right side of the prior (k,).
+        precision: Precision of a prior of the coefficients about zero (k, k).
     """
     there = np.isfinite(residual)
     A, b = np.where(there[..., None], columns, 0), np.where(there, residual, 0)
@@ -198,7 +190,7 @@ def reweighted(
     normals, rights = by_channel @ A.swapaxes(0, 1), (by_channel @ b.T[:, :, None])[..., 0]
     step = np.zeros(A.shape[-1])
     for _ in range(REWEIGHTED):
-        normal, right = np.tensordot(std**-2, normals, axes=1) + precision, std**-2 @ rights + pull
+        normal, right = np.tensordot(std**-2, normals, axes=1) + precision, std**-2 @ rights
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
         rms = np.sqrt(((b - A @ step) ** 2).sum(axis=0) / np.maximum(there.sum(axis=0), 1))

@@ -148,6 +148,7 @@ EXAMPLES = {
     "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0), "best": best} for best in ((), (4,), (1, 4))],
     "own_in_logs": [{"values": {"Fc(hip)": (0.3, 0.45), "offset(hip)": (0.0, -0.12)}}],
     "motion_repeats": [{"periods": (6.48,)}, {"periods": (6.48, 5.0)}],
+    "logs_repeat": [{"logs": (1, 2, 3)}],
     "prior_beside_data": [{}],
     "prior_needed": [{}],
     "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import driven_arm as arm
+import mujoco
 import numpy as np
 import pytest
 from coded import coded
@@ -9,8 +11,10 @@ from scipy.signal import savgol_filter
 
 import ident
 import scenes
+import sim
 from docs.tools.noise.conditions import CONDITIONS, drives, truth
 from docs.tools.noise.recordings import SUBJECTS, noisy_recording, true_bodies
+from ident.recordings.plausibility import with_servos
 from ident.tolerances import STRIBECK
 from ident.trajectory.reversals import _law
 
@@ -27,6 +31,25 @@ def test_the_slip_of_a_joint_is_found(slip):
     rate, torque = rubbing(np.random.default_rng(0), slip)
     law = _law(torque, rate)
     assert law.coulomb == pytest.approx(2, rel=0.05) and 0.5 * slip <= law.slip <= 2 * slip
+
+
+def test_the_slip_is_estimated_again_once_the_lag_of_servos_is_known():
+    """While the lag is not fitted, the friction of the first joint seems to change its sign over .13 rad/s."""
+    slip, lag, rate, fine = 0.1, 0.012, 100, 4000
+    t, q, *_ = arm.motion(np.random.default_rng(1), 10.0, rate)
+    later = np.round((t + 0.5 / rate + lag) * fine).astype(int)
+    states = [x[later] for x in arm.motion(np.random.default_rng(1), 10.1, fine)[1:]]
+    torque = arm.torques(*states) + np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / slip)
+    commands = states[0] + (torque + arm.KV * states[1]) / arm.KP
+    q = q + 1e-4 * np.random.default_rng(10).normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(arm.JOINTS, q.T, strict=True)}
+    channels |= {f"{joint}_command": x for joint, x in zip(arm.JOINTS, commands.T, strict=True)}
+    model = sim.mechanism(mujoco.MjSpec.from_string(arm.text(more=arm.ACTUATORS)))
+    recording = with_servos(ident.Recording(t, channels), {}, model, [])
+    estimate = ident.identify(model, recording, known=False, holdout=0)
+    (found,) = coded(estimate, "setup_lag")
+    assert found.values["value"] == pytest.approx(lag, abs=1e-3)
+    assert estimate.trajectory.reversals.slip == pytest.approx(slip, rel=0.15)
 
 
 @pytest.mark.slow

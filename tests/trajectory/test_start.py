@@ -67,7 +67,7 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
     own = Piece(spline, time, x[0] + 1e-6 * rng.normal(size=x[0].shape), time, measured, nothing)
     p = len(m.names)
-    result = start(m, [own], smoothed([own]), np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
+    result = start(m, [own], smoothed([own]), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
     assert not result.theta[r:].any()
     np.testing.assert_allclose(result.noises[0].channels, std, rtol=0.15)
     np.testing.assert_allclose(result.noises[0].floor_channels, 1e-3 * np.nanstd(measured, axis=0))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.precision import LEAST_SCATTER, embedded, inverse_of_precision, sandwich
 
 
@@ -57,6 +57,11 @@ class Start:
     coefficients: Sequence[np.ndarray]
     prior: Prior | None = None
 
+    def points(self, pieces: Sequence[Piece], selections: Sequence[np.ndarray]) -> list[Point]:
+        """Point of every piece, from the indices in θ of its parameters."""
+        every = zip(pieces, self.coefficients, selections, strict=True)
+        return [Point(piece, c, self.theta[own], self.noises[piece.log]) for piece, c, own in every]
+
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryFit:
@@ -98,6 +103,11 @@ class TrajectoryFit:
     def end(self) -> Start:
         """End point, as a warm start for another fit of the same pieces."""
         return Start(self.theta, self.noises, self.coefficients, self.prior)
+
+    @property
+    def points(self) -> list[Point]:
+        """Point of every piece."""
+        return self.end.points(self.pieces, self.selections)
 
     @cached_property
     def channel_noise(self) -> np.ndarray:

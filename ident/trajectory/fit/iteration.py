@@ -20,7 +20,7 @@ import numpy as np
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import joined
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.fit.restricted_likelihood import renewed
@@ -243,9 +243,8 @@ class _Problem:
         return out
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
-        """Results of a function of each piece, its coefficients, parameters and noise, and more."""
-        noises, thetas = [at.noises[piece.log] for piece in self.pieces], [at.theta[own] for own in self.selections]
-        return self.run(work, self.pieces, at.coefficients, thetas, noises, *more)
+        """Results of a function of each piece's point, and more."""
+        return self.run(work, at.points(self.pieces, self.selections), *more)
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
@@ -296,30 +295,21 @@ class _Problem:
         return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
-def _share(
-    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> tuple[np.ndarray, np.ndarray]:
+def _share(measurement: Measurement, point: Point) -> tuple[np.ndarray, np.ndarray]:
     """Precision and right side of all of a piece's θ."""
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
+    equations = normal_equations(measurement, point, np.arange(len(point.theta)))
     return equations.eliminated.precision, equations.eliminated.gradient
 
 
 def _linearised(
-    measurement: Measurement,
-    wanted: np.ndarray,
-    root: np.ndarray | None,
-    piece: Piece,
-    coefficients: np.ndarray,
-    theta: np.ndarray,
-    noise: Noise,
-    own: np.ndarray,
+    measurement: Measurement, wanted: np.ndarray, root: np.ndarray | None, point: Point, own: np.ndarray
 ) -> Linearised:
     """Linearised piece, derivatives by its own θ placed among the wanted entries."""
     columns = np.flatnonzero(np.isin(own, wanted))
     place = np.searchsorted(wanted, own[columns])
     mine = np.zeros((len(columns), 0)) if root is None else root[place]
-    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=mine)
-    every = np.arange(coefficients.shape[1])
+    part = linearised(measurement, point, columns=columns, root=mine)
+    every = np.arange(point.coefficients.shape[1])
     return part._replace(eliminated=joined([(every, place, part.eliminated)], len(every), len(wanted)))
 
 

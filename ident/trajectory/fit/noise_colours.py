@@ -94,8 +94,7 @@ def some_responses(measurement: Measurement, fit: TrajectoryFit) -> dict[int, Re
 
 def response_of(measurement: Measurement, fit: TrajectoryFit, k: int) -> Response:
     """Linear response of one piece of a fit."""
-    piece, theta = fit.pieces[k], fit.theta[fit.selections[k]]
-    return response(measurement, piece, fit.coefficients[k], theta, fit.noises[piece.log])
+    return response(measurement, fit.points[k])
 
 
 def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:

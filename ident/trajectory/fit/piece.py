@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -139,6 +139,22 @@ class Noise:
         return max(float(x.max(initial=0)) for x in logs)
 
 
+class Point(NamedTuple):
+    """Trajectory, parameters and noise of a piece.
+
+    Attributes:
+        piece: Measured samples.
+        coefficients: Spline coefficients (size, n).
+        theta: Parameters of its recording (p,).
+        noise: Standard deviations, correlation and smoothness.
+    """
+
+    piece: Piece
+    coefficients: np.ndarray
+    theta: np.ndarray
+    noise: Noise
+
+
 def channel_times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""
     when, elapsed = piece.acting, piece.when - piece.origin
@@ -189,6 +205,7 @@ def predicted(
     return np.concatenate(parts).T
 
 
-def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
+def residual(measurement: Measurement, at: Point) -> np.ndarray:
     """Measured less predicted channels of a piece (M, C)."""
+    piece, coefficients, theta, _ = at
     return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)

@@ -13,7 +13,7 @@ from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import ORDER, Local, Spline
 from ident.trajectory.algebra.whitening import Innovations, innovations
-from ident.trajectory.fit.piece import Noise, Piece, clocks
+from ident.trajectory.fit.piece import Noise, Piece, Point, clocks
 
 
 class Misfit(NamedTuple):
@@ -55,18 +55,10 @@ class Linearised(NamedTuple):
     held: np.ndarray
 
 
-def misfit(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise) -> Misfit:
-    """Misfit of a trajectory and θ to the measured samples.
-
-    Args:
-        measurement: Channels and parameters.
-        piece: Measured samples.
-        coefficients: Spline coefficients (size, n).
-        theta: Parameters (p,).
-        noise: Standard deviations, correlation and smoothness.
-    """
-    states = _states(measurement, piece, coefficients, theta, noise)
-    channels = []
+def misfit(measurement: Measurement, at: Point) -> Misfit:
+    """Misfit of a trajectory and θ to the measured samples."""
+    piece, coefficients, theta, noise = at
+    states, channels = _states(measurement, at), []
     for own, when in clocks(measurement, piece, theta):
         local = piece.at_channels(when).local
         if (nodes := _nodes(measurement, piece, when, noise)) is None:
@@ -87,36 +79,26 @@ def misfit(measurement: Measurement, piece: Piece, coefficients: np.ndarray, the
 
 
 def linearised(
-    measurement: Measurement,
-    piece: Piece,
-    coefficients: np.ndarray,
-    *,
-    theta: np.ndarray,
-    noise: Noise,
-    columns: np.ndarray | None = None,
-    root: np.ndarray | None = None,
+    measurement: Measurement, at: Point, *, columns: np.ndarray | None = None, root: np.ndarray | None = None
 ) -> Linearised:
     """Normal equations of a piece at a trajectory and at θ, the trajectory eliminated.
 
     Args:
         measurement: Channels and parameters.
-        piece: Measured samples.
-        coefficients: Spline coefficients (size, n).
-        theta: Parameters (p,).
-        noise: Standard deviations, correlation and smoothness.
+        at: Point of linearisation.
         columns: Indices of the free entries of θ, ascending (k,), to which the results refer; by default all are free.
         root: Root of their covariance from all pieces (k, q); by default they absorb no degrees of freedom.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
-    columns = np.arange(len(theta)) if columns is None else columns
+    columns = np.arange(len(at.theta)) if columns is None else columns
     root = np.zeros((len(columns), 0)) if root is None else root
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
-    taken, held = equations.taken(root, piece.spline)
+    equations, spline = normal_equations(measurement, at, columns), at.piece.spline
+    taken, held = equations.taken(root, spline)
     every = [equations.states, *(each.new for each in equations.channels)]
-    cost = _cost(every, noise, piece.spline.squared_jerk(coefficients))
-    return Linearised(cost, equations.eliminated._replace(factors=()), taken, noise.jerk * held)
+    cost = _cost(every, at.noise, spline.squared_jerk(at.coefficients))
+    return Linearised(cost, equations.eliminated._replace(factors=()), taken, at.noise.jerk * held)
 
 
 class ChannelEquations(NamedTuple):
@@ -207,23 +189,16 @@ class NormalEquations(NamedTuple):
         return np.concatenate([of_states, *of_channels], axis=1), held
 
 
-def normal_equations(
-    measurement: Measurement,
-    piece: Piece,
-    coefficients: np.ndarray,
-    theta: np.ndarray,
-    noise: Noise,
-    columns: np.ndarray,
-) -> NormalEquations:
-    """Normal equations of a piece at a trajectory and at θ, for the free entries of θ.
+def normal_equations(measurement: Measurement, at: Point, columns: np.ndarray) -> NormalEquations:
+    """Normal equations of a piece at a trajectory and at θ, for the free entries of θ by their indices.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
-    channels = list(_channel_equations(measurement, piece, coefficients, theta, noise, columns))
-    states = _states(measurement, piece, coefficients, theta, noise)
+    piece, coefficients, _, noise = at
+    channels, states = list(_channel_equations(measurement, at, columns)), _states(measurement, at)
     of_states, of_theta = dependence(measurement, columns)
-    zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if at in columns}
+    zeros = {j: int(np.searchsorted(columns, own)) for j, own in measurement.zeros.items() if own in columns}
     parts = []
     for component in components(of_states, of_theta, zeros, coefficients.shape[1]):
         coordinates, own, _ = component
@@ -274,15 +249,9 @@ def _channels(
     return innovations(residual, local.interval, noise.channels[own], noise.channels_rho[own], slack)
 
 
-def _channel_equations(
-    measurement: Measurement,
-    piece: Piece,
-    coefficients: np.ndarray,
-    theta: np.ndarray,
-    noise: Noise,
-    columns: np.ndarray,
-) -> Iterator[ChannelEquations]:
+def _channel_equations(measurement: Measurement, point: Point, columns: np.ndarray) -> Iterator[ChannelEquations]:
     """Yields the derivatives by coordinates and free θ, and innovations, of the channels on each clock."""
+    piece, coefficients, theta, noise = point
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
@@ -319,10 +288,9 @@ def _along(time: np.ndarray, true: np.ndarray, elapsed: np.ndarray) -> np.ndarra
     return np.asarray(elapsed[0] + slope * (time - true[0]))
 
 
-def _states(
-    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> Innovations:
+def _states(measurement: Measurement, point: Point) -> Innovations:
     """Innovations of measured coordinates."""
+    piece, coefficients, theta, noise = point
     local = piece.at_coordinates.local
     predicted = local.combined(coefficients)[0]
     for j, at in measurement.zeros.items():

@@ -1,4 +1,4 @@
-"""Motions that a recording repeats. What no model explains repeats with them, so that it is counted once.
+"""Motions that recordings repeat. What no model explains repeats with them, so that it is counted once.
 
     D(T) = <(q(t + T) - q(t))²> / (2 var q)        small for every joint that moves: q repeats after T
 
@@ -6,10 +6,12 @@ If residuals repeat as well, with correlation r one period apart, the sum of n p
 
     n σ² (1 + (n - 1) r)
 
-instead of n σ²: n periods tell little more than one.
+instead of n σ²: n periods tell little more than one. Recordings of the same motion are periods of one that has all of
+them in a row.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
@@ -36,6 +38,43 @@ MOST = 1_000_000
 """Largest number of equal steps that a recording takes, with its pauses; a longer one takes longer steps."""
 
 
+class RepeatedMotion(NamedTuple):
+    """Recordings of one motion, in a row and in phase as if they were one recording of several periods.
+
+    Attributes:
+        starts: Time to add to the times of each recording, s, by its index.
+        period: Time after which the motion repeats within a recording, s, infinite for none.
+        apart: Time between recordings in the row, s, a multiple of the period.
+    """
+
+    starts: dict[int, float]
+    period: float
+    apart: float
+
+    @property
+    def lag(self) -> float:
+        """Time after which the motion repeats in the row, s, infinite for none."""
+        return self.apart if len(self.starts) > 1 and self.period == np.inf else self.period
+
+
+def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
+    """Recordings of a fit by the motion that they make."""
+    logs = [[piece for piece in fit.pieces if piece.log == log] for log in range(len(fit.noises))]
+    out, longest = list[RepeatedMotion](), max(float(own[-1].time[-1] - own[0].time[0]) for own in logs)
+    for log, (own, noise) in enumerate(zip(logs, fit.noises, strict=True)):
+        for each in out:
+            first = min(each.starts)
+            both = np.hypot(noise.states, fit.noises[first].states) / np.sqrt(2)
+            if (late := lateness(logs[first], own, both, longest)) < np.inf:
+                each.starts[log] = len(each.starts) * each.apart - late
+                break
+        else:
+            T = period(own, noise.states)
+            apart = T * float(np.ceil(2 * longest / T)) if np.isfinite(T) else 2 * longest
+            out.append(RepeatedMotion({log: 0.0}, T, apart))
+    return out
+
+
 def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[list[np.ndarray]]:
     """Repetition of every recording's streams, as `repetition` has it, (s,) each.
 
@@ -43,29 +82,28 @@ def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[l
         fit: The fit.
         responses: Linear responses of some of its pieces, by index.
     """
-    out = list[list[np.ndarray]]()
-    for log, noise in enumerate(fit.noises):
-        own = [here for k, here in responses.items() if fit.pieces[k].log == log]
-        T = period([piece for piece in fit.pieces if piece.log == log], noise.states)
-        streams = zip(*(here.streams for here in own), strict=True)
-        out.append(
-            [
-                repetition([x.time for x in each], [np.where(x.clear, x.residual, np.nan) for x in each], T)
-                for each in streams
-            ]
-        )
-    return out
+    out = dict[int, list[np.ndarray]]()
+    for each in trials(fit):
+        own = {k: here.streams for k, here in responses.items() if fit.pieces[k].log in each.starts}
+        starts = [each.starts[fit.pieces[k].log] for k in own]
+        factors = []
+        for streams in zip(*own.values(), strict=True):
+            times = [x.time + start for x, start in zip(streams, starts, strict=True)]
+            left = [np.where(x.clear, x.residual / x.std, np.nan) for x in streams]
+            factors.append(repetition(times, left, each.lag))
+        out |= dict.fromkeys(each.starts, factors)
+    return [out[log] for log in range(len(fit.noises))]
 
 
-def repeating(measurement: Measurement, fit: TrajectoryFit) -> dict[int, tuple[float, float]]:
-    """Period, s, and repetition of the channels, their median, of the recordings whose motions repeat, by index."""
-    out = dict[int, tuple[float, float]]()
-    for log, noise in enumerate(fit.noises):
-        every = zip(fit.pieces, fit.coefficients, fit.selections, strict=True)
-        own = [(piece, c, fit.theta[at]) for piece, c, at in every if piece.log == log]
-        if (T := period([piece for piece, *_ in own], noise.states)) < np.inf:
-            left = [residual(measurement, *place) for place in own]
-            out[log] = T, float(np.median(repetition([piece.when for piece, *_ in own], left, T)))
+def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
+    """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
+    out = list[RepeatedMotion]()
+    for each in (own for own in trials(fit) if own.lag < np.inf):
+        own = [point for point in fit.points if point.piece.log in each.starts]
+        times = [point.piece.when + each.starts[point.piece.log] for point in own]
+        left = [residual(measurement, point) / point.noise.channels for point in own]
+        if np.median(repetition(times, left, each.lag)) > REPEATED:
+            out.append(each)
     return out
 
 
@@ -76,28 +114,48 @@ def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
         pieces: Pieces of the recording.
         noise: Standard deviations of the coordinates (n,).
     """
-    step, x = on_grid([piece.time for piece in pieces], [piece.states for piece in pieces])
+    step, D = _differences([piece.time for piece in pieces], pieces, noise)
+    D = D[: len(D) // 2]
+    same, between = D.max(axis=1) < SAME, D.mean(axis=1)
+    same &= np.logical_or.accumulate((between > OTHER) & (between < np.inf))
+    if not same.any():
+        return np.inf
+    first = int(np.argmax(same))
+    run = first + int(np.argmin(np.append(same[first:], False)))
+    return step * (first + int(np.argmin(D.max(axis=1)[first:run])))
+
+
+def lateness(first: Sequence[Piece], other: Sequence[Piece], noise: np.ndarray, longest: float) -> float:
+    """Time by which a recording makes the motion of a first one later, by their own clocks, s, infinite for never.
+
+    Args:
+        first: Pieces of the first recording.
+        other: Pieces of the other recording.
+        noise: Standard deviations of the coordinates, root mean square of both (n,).
+        longest: Length of the longer one or more, s.
+    """
+    start = first[0].time[0] - other[0].time[0] + 2 * longest
+    times = [*(piece.time for piece in first), *(piece.time + start for piece in other)]
+    step, D = _differences(times, [*first, *other], noise)
+    # Samples of one recording are never so far apart.
+    across = int(longest / step) + 2
+    best = across + int(np.argmin(D[across:].max(axis=1)))
+    return float(step * best - start) if D[best].max() < SAME else np.inf
+
+
+def _differences(times: Sequence[np.ndarray], pieces: Sequence[Piece], noise: np.ndarray) -> tuple[float, np.ndarray]:
+    """Step of lags, s, and D of the joints that move by lag (N, k), infinite where too few samples have a partner."""
+    step, x = on_grid(times, [piece.states for piece in pieces])
     there = np.isfinite(x)
     number = np.maximum(there.sum(axis=0), 1)
     x = x - np.where(there, x, 0).sum(axis=0) / number
     spread = np.where(there, x**2, 0).sum(axis=0) / number
     moves = noise**2 < RESTS * spread
     if not moves.any():
-        return np.inf
-    pairs, products, squares = (each[: len(x) // 2] for each in of_pairs(x[:, moves]))
-    apart = np.where(
-        pairs > FEWEST * number[moves],
-        (squares - products) / (spread[moves] * np.maximum(pairs, 1)) - noise[moves] ** 2 / spread[moves],
-        np.inf,
-    )
-    same = apart.max(axis=1) < SAME
-    between = apart.mean(axis=1)
-    same &= np.logical_or.accumulate((between > OTHER) & (between < np.inf))
-    if not same.any():
-        return np.inf
-    first = int(np.argmax(same))
-    run = first + int(np.argmin(np.append(same[first:], False)))
-    return step * (first + int(np.argmin(apart.max(axis=1)[first:run])))
+        return step, np.full((len(x), 1), np.inf)
+    pairs, products, squares = of_pairs(x[:, moves])
+    D = (squares - products) / (spread[moves] * np.maximum(pairs, 1)) - noise[moves] ** 2 / spread[moves]
+    return step, np.where(pairs > FEWEST * number[moves], D, np.inf)
 
 
 def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
@@ -134,9 +192,8 @@ def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], per
         return out
     for k in range(len(out)):
         step, e = on_grid(times, [x[:, [k]] for x in residuals])
-        _, products, squares = of_pairs(e)[..., 0]
+        products = of_pairs(e)[1, :, 0]
         lags = np.round(np.arange(1, len(e) * step / period) * period / step).astype(int)
         lags = lags[lags < len(e)]
-        r = products[lags].sum() / max(squares[lags].sum(), 1e-300)
-        out[k] += max(np.isfinite(e).sum() * step / period - 1, 0) * max(r, 0)
+        out[k] += max(2 * products[lags].sum() / max(products[0], 1e-300), 0)
     return out

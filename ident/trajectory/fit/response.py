@@ -29,7 +29,7 @@ from ident.trajectory.algebra.rows import TOGETHER
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.piece_equations import normal_equations
 
 CLEAR = 0.5
@@ -218,20 +218,13 @@ class Response:
         ]
 
 
-def response(
-    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> Response:
-    """Linear response of a piece at an estimate, with all entries of θ as columns.
-
-    Args:
-        measurement: Channels and parameters.
-        piece: Measured samples.
-        coefficients: Spline coefficients (size, n).
-        theta: Parameters (p,).
-        noise: Standard deviations, correlation and smoothness of the fit.
-    """
-    every = np.arange(len(theta))
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
+def response(measurement: Measurement, point: Point) -> Response:
+    """Linear response of a piece at an estimate, with all entries of θ as columns."""
+    equations, piece, noise = (
+        normal_equations(measurement, point, np.arange(len(point.theta))),
+        point.piece,
+        point.noise,
+    )
     streams = [Stream(piece.time, piece.at_coordinates, None, *_of(equations.states), noise.states, None)]
     for each in equations.channels:
         at = each.at if each.nodes is None else each.nodes.sampling

@@ -11,7 +11,7 @@ from ident.trajectory.algebra.banded import WINDOW, Banded
 from ident.trajectory.algebra.nodes import NODES, WORTH_IT, lagrange
 from ident.trajectory.algebra.spline import DEGREE, LOCAL, ORDER, Spline
 from ident.trajectory.fit import piece as piece_module
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
 from ident.trajectory.fit.response import response
 
@@ -121,7 +121,7 @@ def test_equations_of_a_piece(seed, monkeypatch):
     m, piece, c, theta, noise = smooth_problem(seed)
     assert len(piece.when) > WORTH_IT * NODES * piece.spline.intervals and m.smooth
     root = np.random.default_rng(seed).normal(size=(len(theta), 4)) * 0.1
-    one, other = both(monkeypatch, lambda: linearised(m, piece, c, theta=theta, noise=noise, root=root))
+    one, other = both(monkeypatch, lambda: linearised(m, Point(piece, c, theta, noise), root=root))
     one, other = (part._asdict() | part.eliminated._asdict() for part in (one, other))
     for name in one.keys() - {"eliminated", "factors"}:
         a, b = np.asarray(one[name]), np.asarray(other[name])
@@ -133,8 +133,7 @@ def test_misfit_and_response(seed, monkeypatch):
     m, piece, c, theta, noise = smooth_problem(seed)
 
     def results():
-        own = misfit(m, piece, c, theta=theta, noise=noise)
-        here = response(m, piece, c, theta, noise)
+        own, here = (function(m, Point(piece, c, theta, noise)) for function in (misfit, response))
         return [own.cost, own.squares, *map(here.rows, range(len(here.streams))), *here.followed(np.array([0.5, 2.0]))]
 
     for a, b in zip(*both(monkeypatch, results), strict=True):

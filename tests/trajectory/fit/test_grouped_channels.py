@@ -10,7 +10,7 @@ from measurements import random_measurement, random_noise
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra import groups
 from ident.trajectory.algebra.spline import Spline
-from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.piece import Piece, Point
 from ident.trajectory.fit.piece_equations import linearised
 
 
@@ -80,9 +80,9 @@ def test_groups_give_what_all_channels_at_once_give(seed, kinds, monkeypatch):
     m, piece, c, theta, noise = problem(seed, **kinds)
     root = np.triu(np.random.default_rng(seed).normal(size=(len(theta), len(theta))))
     columns = np.flatnonzero(np.random.default_rng(seed).uniform(size=len(theta)) < 0.9)
-    given = {"theta": theta, "noise": noise, "columns": columns, "root": root[np.ix_(columns, columns)]}
-    expected = linearised(Dense(m), piece, c, **given)
-    for own in (linearised(m, piece, c, **given), grouped(monkeypatch, m, piece, c, given)):
+    at, given = Point(piece, c, theta, noise), {"columns": columns, "root": root[np.ix_(columns, columns)]}
+    expected = linearised(Dense(m), at, **given)
+    for own in (linearised(m, at, **given), grouped(monkeypatch, m, at, given)):
         for name, value in arrays(own).items():
             other = arrays(expected)[name]
             np.testing.assert_allclose(value, other, rtol=0, atol=1e-9 * np.abs(other).max(), err_msg=name)
@@ -93,9 +93,9 @@ def arrays(part):
     return {name: value for name, value in every.items() if name not in ("eliminated", "factors")}
 
 
-def grouped(monkeypatch, m, piece, c, given):
+def grouped(monkeypatch, m, at, given):
     with split(monkeypatch):
-        return linearised(m, piece, c, **given)
+        return linearised(m, at, **given)
 
 
 @pytest.mark.parametrize("kinds", KINDS)

@@ -10,7 +10,7 @@ from measurements import at, random_measurement, random_noise
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 from ident.trajectory.algebra.whitening import HUBER
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
 
 
@@ -29,12 +29,11 @@ class Problem:
         return self.linearised_with(None)
 
     def linearised_with(self, root):
-        m, piece, c = self.measurement, self.piece, self.coefficients
-        return linearised(m, piece, c, theta=self.theta, noise=self.noise, root=root)
+        return linearised(self.measurement, Point(self.piece, self.coefficients, self.theta, self.noise), root=root)
 
     @cached_property
     def misfit(self):
-        return misfit(self.measurement, self.piece, self.coefficients, theta=self.theta, noise=self.noise)
+        return misfit(self.measurement, Point(self.piece, self.coefficients, self.theta, self.noise))
 
     @cached_property
     def size(self):
@@ -42,7 +41,7 @@ class Problem:
 
     def cost(self, c, theta):
         c = c.reshape(self.coefficients.shape)
-        return misfit(self.measurement, self.piece, c, theta=theta, noise=self.noise).cost
+        return misfit(self.measurement, Point(self.piece, c, theta, self.noise)).cost
 
     def residuals(self, c, theta):
         """Measured less predicted of each kind of stream: values (N, s), times, std and ρ of each."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ident
-from ident.trajectory.fit.repeats import period, repetition
+from ident.trajectory.fit.repeats import lateness, period, repetition, trials
 
 PERIOD = 1 / 0.15
 """Period of the arm's sums of sinusoids, s."""
@@ -81,9 +81,66 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
     assert (repetition([t], [e.T], np.inf) == 1).all()
 
 
+def fit_of(*pieces):
+    """A fit of recordings of one piece each, as far as `trials` reads it."""
+    noises = [SimpleNamespace(states=np.zeros(pieces[0].states.shape[1]))] * len(pieces)
+    pieces = [SimpleNamespace(log=log, **vars(piece)) for log, piece in enumerate(pieces)]
+    return SimpleNamespace(pieces=pieces, noises=noises)
+
+
+def part(whole, start, stop, clock=0.0):
+    """Part of a piece, with times of its own."""
+    return SimpleNamespace(time=whole.time[start:stop] - whole.time[start] + clock, states=whole.states[start:stop])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize(("late", "clock"), [(0, 0.0), (120, 0.0), (-120, 50.0)])
+def test_lateness_of_a_recording_of_the_same_motion(rng, late, clock, noise):
+    whole = motion(rng, 20.0, 1, 2**0.5, 5**0.5)
+    first, other = part(whole, 200, 1200), part(whole, 200 - late, 1200 - late, clock)
+    for each in (first, other):
+        each.states = each.states + noise * rng.normal(size=each.states.shape)
+    assert lateness([first], [other], np.full(3, noise), 10.0) == pytest.approx(0.01 * late + clock, abs=0.011)
+
+
+def test_other_motions_are_no_trials_of_one(rng):
+    one, other = motion(rng, 10.0, 1, 2**0.5, 5**0.5), motion(rng, 10.0, 1.1, 1.9, 2.3)
+    assert lateness([one], [other], np.zeros(3), 10.0) == np.inf
+    assert [each.starts for each in trials(fit_of(one, other))] == [{0: 0.0}, {1: 0.0}]
+
+
+def test_trials_of_two_motions(rng):
+    a, b = motion(rng, 10.0, 1, 2**0.5, 5**0.5), motion(rng, 10.0, 1.1, 1.9, 2.3)
+    assert [list(each.starts) for each in trials(fit_of(a, b, a, b, a))] == [[0, 2, 4], [1, 3]]
+
+
+def test_trials_in_a_row_are_periods_of_one_recording(rng):
+    """In phase, also where the motion repeats within each of them."""
+    whole = motion(rng, 30.0, 1, 2, 3)
+    (own,) = trials(fit_of(*(part(whole, start, start + 1500) for start in (0, 70, 1234))))
+    assert own.lag == own.period == pytest.approx(1 / 0.3, abs=0.011)
+    phases = [(start / own.period + 0.5) % 1 - 0.5 for start in own.starts.values()]
+    expected = [(0.01 * start * 0.3 + 0.5) % 1 - 0.5 for start in (0, 70, 1234)]
+    assert phases == pytest.approx(expected, abs=0.02)
+    assert min(np.diff(list(own.starts.values()))) > 15
+
+
+@pytest.mark.parametrize(("same", "factor"), [(True, 3.0), (False, 1.0)])
+def test_residuals_of_trials_count_once(rng, same, factor):
+    whole = motion(rng, 10.0, 1, 2**0.5, 5**0.5)
+    (own,) = trials(fit_of(whole, part(whole, 0, 1000, 7.0), whole))
+    errors = rng.normal(size=(1 if same else 3, 1000, 20))
+    times = [piece.time + own.starts[log] for log, piece in enumerate((whole, part(whole, 0, 1000, 7.0), whole))]
+    factors = repetition(times, [*errors] * (3 // len(errors)), own.lag)
+    assert factors.mean() == pytest.approx(factor, abs=0.1)
+
+
 @cache
-def estimated(periods, size, known=False, heavier=1.0):
-    """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause."""
+def estimated(periods, size, known=False, heavier=1.0, logs=1):
+    """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause.
+
+    In each of several logs, with other noise.
+    """
     rng = np.random.default_rng(3)
     t, *states = arm.motion(rng, periods * PERIOD, 50.0)
     torque = arm.torques(*states) + np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / 0.003)
@@ -91,17 +148,31 @@ def estimated(periods, size, known=False, heavier=1.0):
     torque += size * np.einsum(
         "tkw,jkw->tj", np.stack([np.sin(waves), np.cos(waves)], axis=1), rng.normal(size=(3, 2, 20))
     )
-    noise = np.random.default_rng(4).normal(size=(2, *torque.shape))
-    channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, (torque + 0.02 * noise[0]).T, strict=True)}
-    channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, (states[0] + 1e-4 * noise[1]).T, strict=True)}
+    own, recordings = np.random.default_rng(4), []
+    for _ in range(logs):
+        noise = own.normal(size=(2, *torque.shape))
+        measured = (torque + 0.02 * noise[0]).T, (states[0] + 1e-4 * noise[1]).T
+        channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, measured[0], strict=True)}
+        channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, measured[1], strict=True)}
+        recordings.append(ident.Recording(t, channels))
     model = replace(arm.mechanism(), prior=heavier * arm.mechanism().prior)
-    return ident.identify(model, ident.Recording(t, channels), known=known, holdout=0)
+    return ident.identify(model, recordings, known=known, holdout=0)
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.65, 0.8), (0.02, 0.9, 1.5)])
 def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least, most):
     few, many = (np.diag(estimated(periods, size).trajectory.fit.covariance)[:9] ** 0.5 for periods in (2.5, 5))
     assert least < np.median(many / few) < most
+
+
+@pytest.mark.parametrize("size", [0.0, 0.02])
+def test_three_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size):
+    one, three = estimated(1.5, size), estimated(1.5, size, logs=3)
+    ratio = np.median(
+        np.diag(three.trajectory.fit.covariance)[:9] ** 0.5 / np.diag(one.trajectory.fit.covariance)[:9] ** 0.5
+    )
+    assert (0.9 < ratio < 1.1) if size else (0.5 < ratio < 0.65)
+    assert [each.values["logs"] for each in three.findings if each.code == "logs_repeat"] == [(1, 2, 3)] * bool(size)
 
 
 @pytest.mark.parametrize(("size", "heavier", "taken"), [(0.0, 1.0, False), (0.02, 1.0, True), (0.02, 2.5, False)])

@@ -8,13 +8,14 @@ from test_piece import problem
 
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, Spline
+from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.response import Response, Stream, Weights, response
 
 
 @cache
 def own(seed):
     p = problem(seed)
-    return response(p.measurement, p.piece, p.coefficients, p.theta, p.noise)
+    return response(p.measurement, Point(p.piece, p.coefficients, p.theta, p.noise))
 
 
 def close(a, b):

@@ -12,7 +12,7 @@ from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.iteration import COLOURED, fit
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
 from ident.trajectory.fit.restricted_likelihood import LEAST_MOTION, renewed
 from ident.trajectory.start import COORDINATES, smoothed
@@ -85,12 +85,13 @@ def noise_of(sigma, rho):
 
 def renewal(piece, noise, c, theta, coloured=True):
     """A step of c and θ, and the updated noise."""
-    part = linearised(Linear(), piece, c, theta=theta, noise=noise)
+    at = Point(piece, c, theta, noise)
+    part = linearised(Linear(), at)
     root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
-    part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
+    part = linearised(Linear(), at, root=root)
     step = root @ root.T @ part.eliminated.gradient
     c, theta = c + (part.eliminated.step - part.eliminated.by_theta @ step)[:, None], theta + step
-    return c, theta, renewed(noise, [part], [misfit(Linear(), piece, c, theta=theta, noise=noise)], coloured=coloured)
+    return c, theta, renewed(noise, [part], [misfit(Linear(), Point(piece, c, theta, noise))], coloured=coloured)
 
 
 def updated(piece, rounds=20):
@@ -148,11 +149,10 @@ def test_motion_below_slow_noise_is_not_taken_as_none(seed):
     piece = Piece(spline, time, noisy[:, None], none, np.zeros((0, 0)), wrenches)
     given = replace(noise_of(0.5, 0.9), channels=none, channels_rho=none, floor_channels=none)
     end = smoothed([piece], [given])
-    here = {"theta": none, "noise": end.noises[0]}
-    part = linearised(COORDINATES, piece, end.coefficients[0], **here)
+    here = Point(piece, end.coefficients[0], none, end.noises[0])
+    part = linearised(COORDINATES, here)
     root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
-    held = linearised(COORDINATES, piece, end.coefficients[0], **here, root=root).held
-    left = misfit(COORDINATES, piece, end.coefficients[0], **here).rank - held
+    left = misfit(COORDINATES, here).rank - linearised(COORDINATES, here, root=root).held
     assert left > 0.9 * LEAST_MOTION
 
 
