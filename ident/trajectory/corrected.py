@@ -59,10 +59,9 @@ class Smoothed:
         for j, at in measurement.zeros.items():
             states[0, :, j] -= theta[at]
         if part is not None:
-            borders = (
-                np.linspace(part.start, part.stop, estimate.counts[self.which or 0] + 1).round().astype(int).tolist()
-            )
-            for (a, b), (own, c) in zip(pairwise(borders), estimate.places_of(self.which or 0), strict=True):
+            places = estimate.places_of(self.which or 0)
+            borders = np.linspace(part.start, part.stop, len(places) + 1).round().astype(int).tolist()
+            for (a, b), (own, c) in zip(pairwise(borders), places, strict=True):
                 states[:, a:b] = own.spline.evaluate(c, when[a:b])[:3]
         motion = measurement.motion(states)
         measured = piece_channels(measurement, piece, states, theta)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
@@ -103,18 +104,9 @@ def smoothed(
         for piece in pieces
     ]
     fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
+    fit = partial(iteration.fit, COORDINATES, bare, prior=Prior(none, np.zeros((0, 0))), free=np.zeros(0, bool))
     for rounds, kept, may in fits:
-        begin = iteration.fit(
-            COORDINATES,
-            bare,
-            begin,
-            prior=Prior(none, np.zeros((0, 0))),
-            free=np.zeros(0, bool),
-            coloured=may,
-            kept=kept,
-            executor=executor,
-            rounds=rounds,
-        ).end
+        begin = fit(begin, coloured=may, kept=kept, executor=executor, rounds=rounds).end
     return begin
 
 
