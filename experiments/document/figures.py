@@ -166,9 +166,10 @@ def _solve(layout: Any, figure: Figure) -> None:
     """Solves a layout, and draws minor ticks of an axis as one line of markers: ticks take ten times as long."""
     from matplotlib import rcParams
     from matplotlib.markers import TICKDOWN, TICKLEFT
+    from matplotlib.ticker import LogLocator
 
     axes: list[Any] = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
-    between = [(axis, axis.get_minor_locator()) for axis in axes if axis.get_scale() == "log"]
+    between = [(axis, each) for axis in axes if isinstance(each := axis.get_minor_locator(), LogLocator)]
     for axis in axes:
         # Beside empty labels matplotlib would measure all ticks at each drawing.
         if not axis.get_label_text():
