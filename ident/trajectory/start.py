@@ -138,11 +138,8 @@ def _alike(measurement: Measurement) -> tuple[int, ...]:
 def _interpolated(piece: Piece) -> np.ndarray:
     """Coefficients near the samples: the coordinate at the middle of each basis function (size, n)."""
     middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
-    columns = []
-    for x in piece.states.T:
-        there = np.isfinite(x)
-        columns.append(np.interp(middle, piece.time[there], x[there]))
-    return np.stack(columns, axis=1)
+    measured = ((x, np.isfinite(x)) for x in piece.states.T)
+    return np.stack([np.interp(middle, piece.time[there], x[there]) for x, there in measured], axis=1)
 
 
 def _regressed(
