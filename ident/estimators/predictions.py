@@ -146,10 +146,8 @@ class Predictions:
         tried = np.unique(constants)
         versions, residuals = list[Samples](), list[np.ndarray]()
         for T in tried.tolist():
-            each = [
-                log.samples(setup, T, part.indices, left_out=self.problem.leaves_out)
-                for log, part in zip(self._judges, parts, strict=True)
-            ]
+            own = zip(self._judges, parts, strict=True)
+            each = [log.samples(setup, T, part.indices, left_out=self.problem.leaves_out) for log, part in own]
             left = [candidate.residuals(x) for x in each]
             residuals.append(np.concatenate([x[min(k, len(x) - 1)] for k, x in enumerate(left)]))
             versions.append(joined(each))

@@ -96,16 +96,15 @@ class HypothesisFit:
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
-        equations, motions, tree = (
-            self.equations,
-            (self.fitted.motion, self.judged.motion),
-            self.equations.mechanism.tree,
-        )
+        equations, motions = self.equations, (self.fitted.motion, self.judged.motion)
+        tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
         phi, carried = _bodies(equations, self.values), [False] * len(tree.bodies)
+        stated = [_channels(equations, tree, gravity, phi, motion) for motion in motions]
         for i, body in enumerate(tree.bodies):
             carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
             if body.moves and body.parent != BASE and body.home[:3, 3].any():
-                yield ("length", body.name), self.error([_length(equations, phi, i, motion) for motion in motions])
+                pairs = zip(motions, stated, strict=True)
+                yield ("length", body.name), self.error([_length(equations, phi, i, *pair) for pair in pairs])
         for k, i in enumerate(tree.inertial):
             # What pulls rests in the base's axes.
             if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
@@ -149,14 +148,13 @@ def _bodies(equations: Equations, values: np.ndarray) -> np.ndarray:
     return np.asarray(known + np.linalg.lstsq(B, links - B @ known, rcond=None)[0])
 
 
-def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np.ndarray:
-    """Derivative of the channels by the relative distance of a body's joint from its parent's frame (1, N, C)."""
-    stated = equations.mechanism.tree
-    home = stated.bodies[i].home.copy()
+def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion, stated: np.ndarray) -> np.ndarray:
+    """Derivative of stated channels (N, C) by the relative distance of a joint from its parent's frame (1, N, C)."""
+    tree = equations.mechanism.tree
+    home = tree.bodies[i].home.copy()
     home[:3, 3] *= 1 + STEP
-    longer = replace(stated, bodies=(*stated.bodies[:i], replace(stated.bodies[i], home=home), *stated.bodies[i + 1 :]))
-    one, other = (_channels(equations, tree, equations.mechanism.gravity, phi, motion) for tree in (stated, longer))
-    return np.asarray((other - one)[None] / STEP)
+    longer = replace(tree, bodies=(*tree.bodies[:i], replace(tree.bodies[i], home=home), *tree.bodies[i + 1 :]))
+    return (_channels(equations, longer, equations.mechanism.gravity, phi, motion) - stated)[None] / STEP
 
 
 def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:

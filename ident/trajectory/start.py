@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
@@ -101,18 +102,9 @@ def smoothed(
         for piece in pieces
     ]
     fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
+    fit = partial(iteration.fit, COORDINATES, bare, prior=Prior(none, np.zeros((0, 0))), free=np.zeros(0, bool))
     for rounds, kept, may in fits:
-        begin = iteration.fit(
-            COORDINATES,
-            bare,
-            begin,
-            prior=Prior(none, np.zeros((0, 0))),
-            free=np.zeros(0, bool),
-            coloured=may,
-            kept=kept,
-            executor=executor,
-            rounds=rounds,
-        ).end
+        begin = fit(begin, coloured=may, kept=kept, executor=executor, rounds=rounds).end
     return begin
 
 
@@ -144,11 +136,8 @@ def _alike(measurement: Measurement) -> tuple[int, ...]:
 def _interpolated(piece: Piece) -> np.ndarray:
     """Coefficients near the samples: the coordinate at the middle of each basis function (size, n)."""
     middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
-    columns = []
-    for x in piece.states.T:
-        there = np.isfinite(x)
-        columns.append(np.interp(middle, piece.time[there], x[there]))
-    return np.stack(columns, axis=1)
+    measured = ((x, np.isfinite(x)) for x in piece.states.T)
+    return np.stack([np.interp(middle, piece.time[there], x[there]) for x, there in measured], axis=1)
 
 
 def _regressed(

@@ -111,3 +111,20 @@ def test_artists_that_cannot_be_read_are_named(draw):
     artist = draw(figure.subplots())
     with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
         drawn_data.csv_text(figure)
+
+
+def test_minor_ticks_are_drawn_as_matplotlib_draws_them(monkeypatch):
+    def drawing():
+        with figures.empty_figure(2) as figure:
+            ax = figure.subplots()
+            ax.loglog([0.03, 30], [2e-3, 5])
+            few_decades(ax)
+            return figures.drawn(figure, "png")
+
+    def laid_out(layout, figure):
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+
+    marked = drawing()
+    monkeypatch.setattr(figures, "_solve", laid_out)
+    assert drawing() == marked

@@ -136,20 +136,20 @@ class Factor:
         """
         blocks, others = self._blocks(LOCAL)
         (count, b, m), n = others.shape, self.band.shape[1]
-        windows, inverse = np.zeros((number, WINDOW * n, WINDOW * n)), np.zeros((m, m))
+        windows, whole = np.zeros((number, WINDOW * n, WINDOW * n)), np.zeros((b + m, b + m))
         first = WINDOW - 1 - m // n
         inside = slice(first * n, None)
         for k in reversed(range(count)):
             # Products with an inverse are faster than triangular solutions where coordinates are few.
             own = lapack.dtrtri(blocks[k].T, lower=1)[0].T
-            G = own @ others[k]
-            across, whole = G @ inverse, np.empty((b + m, b + m))
-            whole[:b, :b] = own @ own.T + across @ G.T
-            whole[:b, b:], whole[b:, :b], whole[b:, b:] = -across, -across.T, inverse
+            negative = blas.dtrmm(-1, own.T, others[k].T, side=1, lower=1).T
+            whole[b:, b:] = whole[:m, :m]
+            across = np.matmul(negative, whole[b:, b:], out=whole[:b, b:])
+            whole[b:, :b] = across.T
+            np.add(own @ own.T, across @ negative.T, out=whole[:b, :b])
             for u in range(b // n):
                 if 0 <= (at := k * (b // n) + u - first) < number:
                     windows[at, inside, inside] = whole[u * n : u * n + m + n, u * n : u * n + m + n]
-            inverse = whole[:m, :m]
         return windows
 
 

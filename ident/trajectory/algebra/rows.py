@@ -61,9 +61,9 @@ class Factors:
         """True if no stream has ρ above zero, so that preceding samples are not needed."""
         return not self.coloured.any()
 
-    def whitened(self, rows: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
-        """Whitened rows of some intervals (k, m, s, …), from rows and those of the preceding samples."""
-        each = (some, ..., *[None] * (rows.ndim - 3))
+    def whitened(self, rows: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Whitened rows (S, m, s, …), from rows and those of the preceding samples."""
+        each = (..., *[None] * (rows.ndim - 3))
         if not self.white:
             rows = rows - self.rho[each] * before
         return self.scale[each] * rows

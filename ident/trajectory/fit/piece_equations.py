@@ -68,14 +68,10 @@ def misfit(measurement: Measurement, at: Point) -> Misfit:
             predicted = nodes.interpolated(measurement.values(x[:3], no_wrenches(x), theta).T).T
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
-    sums = [new.sums for new in (states, *channels)]
-    return Misfit(
-        cost=_cost([states, *channels], noise, bends),
-        squares=np.concatenate([each.squares for each in sums], axis=1),
-        number=np.concatenate([each.number for each in sums], axis=1),
-        bends=bends,
-        rank=np.full(len(bends), float(piece.spline.size - ORDER)),
-    )
+    every = [states, *channels]
+    squares, number = (np.concatenate(parts, axis=1) for parts in zip(*(new.sums for new in every), strict=True))
+    rank = np.full(len(bends), float(piece.spline.size - ORDER))
+    return Misfit(_cost(every, noise, bends), squares, number, bends, rank)
 
 
 def linearised(
