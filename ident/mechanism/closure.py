@@ -33,7 +33,7 @@ OPEN = 1e-3
 """Distance of a loop's ends that counts as open, over the mechanism's length: models state places with few digits."""
 
 CLOSED = 1e-9
-"""Distance up to which random states are closed, likewise."""
+"""Part of such a distance that dependent joints may still close in random states."""
 
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
@@ -237,8 +237,10 @@ class Closure:
         if self.direct:
             return np.ones(len(x), bool)
         y, least = self._continued(x, watched=True)
-        apart, _ = self._defects(self._joined(self._coordinates, x, y))
-        return np.asarray((apart < CLOSED) & (least > NEAR))
+        residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
+        sizes = (np.linalg.norm(each, axis=-1) for each in (residual, left))
+        return np.all([*(size < most for size, most in zip(sizes, (OPEN, CLOSED), strict=True)), least > NEAR], axis=0)
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
@@ -249,6 +251,9 @@ class Closure:
             kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
+        if not sum(map(len, kept)):
+            names = ", ".join(f"'{each.name}'" for each in self.constraints)
+            raise ModelError(f"The loops of {names} close in no posture around the model's: give it another posture.")
         x = np.resize(np.concatenate(kept), (samples, len(own)))
         return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
 
