@@ -239,8 +239,8 @@ class Closure:
         y, least = self._continued(x, watched=True)
         residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
         left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
-        sizes = (np.linalg.norm(each, axis=-1) for each in (residual, left))
-        return np.all([*(size < most for size, most in zip(sizes, (OPEN, CLOSED), strict=True)), least > NEAR], axis=0)
+        apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
+        return np.asarray((apart < OPEN) & (left < CLOSED) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
@@ -251,9 +251,6 @@ class Closure:
             kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
-        if not sum(map(len, kept)):
-            names = ", ".join(f"'{each.name}'" for each in self.constraints)
-            raise ModelError(f"The loops of {names} close in no posture around the model's: give it another posture.")
         x = np.resize(np.concatenate(kept), (samples, len(own)))
         return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
 
@@ -299,9 +296,15 @@ class Closure:
                 f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
                 f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
             )
+        if not joints:
+            names = ", ".join(each.name for each in self.constraints)
+            raise ModelError(
+                f"The loops of {names} leave {', '.join(self.dependent)} hardly any motion {when}: align their axes, "
+                "or leave a wrong constraint out with --ignore."
+            )
         raise ModelError(
-            f"The loops are singular {when}: {joints or 'no joint'} there does not determine "
-            f"{', '.join(self.dependent)}. Leave that posture out, or log one of these joints."
+            f"The loops are singular {when}: {joints} there does not determine {', '.join(self.dependent)}. Leave that "
+            "posture out, or log one of these joints."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

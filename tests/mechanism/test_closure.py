@@ -219,11 +219,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (
             FOUR_BAR.replace("<connect", "<weld"),
             log_of([SWING]),
-            r"Loops leave 'crank' no motion: its torque or command cannot be used\. Leave a wrong",
+            "The loops of pin leave crank, rod, rocker no motion: leave a wrong constraint out with --ignore.",
+        ),
+        (
+            FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
+            log_of([SWING]),
+            "The loops of pin leave crank, rod, rocker hardly any motion in the model's posture: align their axes, or",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "undetermined"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "skew",
+         "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
