@@ -297,14 +297,18 @@ class Closure:
                 f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
             )
         if not joints:
-            names = ", ".join(each.name for each in self.constraints)
-            raise ModelError(
-                f"The loops of {names} leave {', '.join(self.dependent)} hardly any motion {when}: align their axes, "
-                "or leave a wrong constraint out with --ignore."
-            )
+            raise self.rigid()
         raise ModelError(
             f"The loops are singular {when}: {joints} there does not determine {', '.join(self.dependent)}. Leave that "
             "posture out, or log one of these joints."
+        )
+
+    def rigid(self) -> ModelError:
+        """Refusal of loops without an independent joint."""
+        names = " ".join(each.name for each in self.constraints)
+        return ModelError(
+            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes, or leave a wrong constraint out "
+            f"with --ignore, of {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -201,11 +201,6 @@ class Mechanism(Brief):
         if not {*names} & {*lacking} and not (names and {*driven} & {*self.in_loops}):
             return self
         tree = self.constraints.closed(self.tree, names)
-        if not tree.joints:
-            rows = ", ".join(row.name for row in self.constraints.rows)
-            raise ModelError(
-                f"The loops of {rows} leave {', '.join(names)} no motion: leave a wrong constraint out with --ignore."
-            )
         return replace(self, tree=tree, **self._of_joints(tree))
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:

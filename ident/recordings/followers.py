@@ -89,6 +89,8 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Re
     before, measured = mechanism.tree.joints, recording.measured
     driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
     mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
+    if mechanism.tree.closure and not mechanism.tree.joints:
+        raise mechanism.tree.closure.rigid()
     if both := sorted({*driven} & {*mechanism.tree.dependent}):
         leads = ", ".join(mechanism.tree.closure.independent if mechanism.tree.closure else ())
         does = f"make '{both[0]}' depend on {leads}" if leads else f"leave '{both[0]}' no motion"

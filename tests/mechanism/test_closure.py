@@ -98,6 +98,8 @@ def test_base_parameters_need_loops_that_close_elsewhere_as_in_the_model():
     arm = read(text(links, '<connect name="pin" site1="end0" site2="end1"/>'))
     gap = ident.find_base_parameters(arm.closed(("rod", "rocker"), ("crank",)))
     assert gap.rank == ident.find_base_parameters(closed("four-bar")).rank
+    with pytest.raises(ModelError, match="Loops leave crank, rod, rocker no motion"):
+        ident.find_base_parameters(read(FOUR_BAR.replace("<connect", "<weld")).closed(("rod", "rocker"), ("crank",)))
 
 
 def test_loops_stay_on_the_branch_of_the_model():
@@ -219,12 +221,12 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (
             FOUR_BAR.replace("<connect", "<weld"),
             log_of([SWING]),
-            "The loops of pin leave crank, rod, rocker no motion: leave a wrong constraint out with --ignore.",
+            "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
         ),
         (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
-            "The loops of pin leave crank, rod, rocker hardly any motion in the model's posture: align their axes, or",
+            "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
