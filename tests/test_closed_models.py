@@ -14,7 +14,7 @@ import ident
 import sim
 from ident.geometry.se3 import pose
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.parameters.structure import Sensors
+from ident.parameters.structure import Sensors, sampled_structure
 from sim.models.mujoco_model import state_columns
 
 pytestmark = [pytest.mark.extras, pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")]
@@ -64,9 +64,16 @@ def placed(name, x):
     return pose((Rotation.from_euler("xyz", x[3:]) * Rotation.from_rotvec([0, 0, turn])).as_matrix(), x[:3])
 
 
-def cassie():
-    """Cassie on a stand, from its SDF file, which MuJoCo does not read; joints are placed in the frames of children."""
-    root = ElementTree.parse(named("example-robot-data", "cassie_v2.sdf")).getroot().find("model")
+def cassie(digits=()):
+    """Cassie on a stand, from its SDF file, which MuJoCo does not read; joints are placed in the frames of children.
+
+    Args:
+        digits: Numbers as the file has them, and those that are meant.
+    """
+    text = named("example-robot-data", "cassie_v2.sdf").read_text()
+    for written, meant in digits:
+        text = text.replace(written, repr(meant))
+    root = ElementTree.fromstring(text).find("model")
     links, spec, bodies = {link.get("name"): link for link in root.iter("link")}, mujoco.MjSpec(), {}
     drawn = {name: pose(Rotation.from_euler("xyz", (x := numbers(link, "pose"))[3:]).as_matrix(), x[:3])
              for name, link in links.items()}  # fmt: skip
@@ -142,6 +149,21 @@ def test_grippers_are_mujocos(name):
         assert regrouping_error(base, Y) < 1e-8
 
 
+DRIVEN = [f"{side}-{name}" for side in ("left", "right") for name in LEG]
+
+
 def test_cassies_legs_are_mujocos():
     # The file's axes are parallel to five digits, so that planar loops close only to these.
-    check(cassie(), [f"{side}-{name}" for side in ("left", "right") for name in LEG], 1e-7)
+    check(cassie(), DRIVEN, 1e-7)
+
+
+def test_base_parameters_of_cassie_do_not_depend_on_the_digits_of_its_file():
+    exact = ("3.1416", np.pi), ("1.5708", np.pi / 2), ("0.7854", np.pi / 4)
+    for digits, more in (((), 3), (exact, 0)):
+        arm = sim.mechanism(cassie(digits))
+        arm = arm.closed([joint for joint in arm.tree.joints if joint not in DRIVEN], DRIVEN)
+        for sensors, rank in ((Sensors(), 149), (Sensors(base_wrench=False, joint_torques=True), 142)):
+            base = ident.find_base_parameters(arm, sensors=sensors)
+            assert (base.rank, len(base.by_digits)) == (rank, more)
+            assert base.gap[1] < 1e-12 < 1e-7 < base.gap[0]
+            assert regrouping_error(base, sampled_structure(arm, sensors)) < (1e-3 if more else 1e-9)

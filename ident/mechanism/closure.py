@@ -33,7 +33,7 @@ OPEN = 1e-3
 """Distance of a loop's ends that counts as open, over the mechanism's length: models state places with few digits."""
 
 CLOSED = 1e-9
-"""Distance up to which random states are closed, likewise."""
+"""Part of such a distance that dependent joints may still close in random states."""
 
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
@@ -237,8 +237,10 @@ class Closure:
         if self.direct:
             return np.ones(len(x), bool)
         y, least = self._continued(x, watched=True)
-        apart, _ = self._defects(self._joined(self._coordinates, x, y))
-        return np.asarray((apart < CLOSED) & (least > NEAR))
+        residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
+        apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
+        return np.asarray((apart < OPEN) & (left < CLOSED) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
@@ -294,9 +296,19 @@ class Closure:
                 f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
                 f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
             )
+        if not joints:
+            raise self.rigid()
         raise ModelError(
-            f"The loops are singular {when}: {joints or 'no joint'} there does not determine "
-            f"{', '.join(self.dependent)}. Leave that posture out, or log one of these joints."
+            f"The loops are singular {when}: {joints} there does not determine {', '.join(self.dependent)}. Leave that "
+            "posture out, or log one of these joints."
+        )
+
+    def rigid(self) -> ModelError:
+        """Refusal of loops without an independent joint."""
+        names = " ".join(each.name for each in self.constraints)
+        return ModelError(
+            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes, or leave a wrong constraint out "
+            f"with --ignore, of {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

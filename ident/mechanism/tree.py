@@ -211,6 +211,8 @@ class Tree:
     def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
         """States of the loops' independent joints (…, n) from those of all joints."""
         independent = self.closure.independent if self.closure else ()
+        if self.closure and not own:
+            raise self.closure.rigid()
         first = next(iter(own.values()))
         return np.concatenate([first[..., :0], *(own[joint] for joint in independent)], axis=-1)
 

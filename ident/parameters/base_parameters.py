@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, described
@@ -17,6 +18,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.independent_columns import (
     DEPENDENT,
+    NEGLIGIBLE,
     WRONG,
     basis,
     coefficients,
@@ -25,7 +27,7 @@ from ident.parameters.independent_columns import (
     reduced_rows,
     unit_columns,
 )
-from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
+from ident.parameters.structure import Sensors, sampled_structure, scaled_structure, with_parallel_axes
 
 if TYPE_CHECKING:
     from ident.parameters.tree_elimination import Elimination
@@ -51,6 +53,7 @@ class BaseParameters(Brief):
         passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
             errors would be large; columns further right are kept instead. If this is empty and no names are pinned, the
             kept columns are the first independent ones, left to right.
+        by_digits: Names of further columns that only the digits of a model's axes make independent.
     """
 
     parameters: tuple[str, ...]
@@ -59,6 +62,7 @@ class BaseParameters(Brief):
     beta: np.ndarray
     gap: tuple[float, float]
     passed_over: tuple[str, ...] = ()
+    by_digits: tuple[str, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -79,13 +83,14 @@ class BaseParameters(Brief):
 
     @property
     def remark(self) -> str:
-        """A sentence on the columns passed over, empty if there are none."""
-        if not self.passed_over:
-            return ""
-        return (
-            "Later parameters are base parameters instead of these, which nearly depend on earlier ones: "
-            f"{', '.join(self.passed_over)}."
+        """Sentences on the columns passed over and on those by digits, empty if there are none."""
+        later = "Later parameters are base parameters instead of these, which nearly depend on earlier ones"
+        digits = (
+            "Axes in loops that are parallel but for the model's digits are taken for parallel; only by these digits "
+            "the following would be base parameters too"
         )
+        sentences = (later, self.passed_over), (digits, self.by_digits)
+        return " ".join(f"{text}: {', '.join(names)}." for text, names in sentences if names)
 
     @property
     def _in_short(self) -> dict[str, object]:
@@ -174,7 +179,10 @@ def _of_structure(
 ) -> BaseParameters:
     """Regrouping of a mechanism, exact if its numbers are."""
     if mechanism.tree.followers or mechanism.tree.closure:
-        return _of_regressor(sampled_structure(mechanism, sensors), 1.0, names, kept)
+        Y, aligned = sampled_structure(mechanism, sensors), with_parallel_axes(mechanism.tree)
+        if aligned is mechanism.tree:
+            return _of_regressor(Y, 1.0, names, kept)
+        return _but_for_digits(Y, sampled_structure(replace(mechanism, tree=aligned), sensors), names, kept)
     structure, units = scaled_structure(mechanism, sensors)
     if structure.is_exact:
         if kept is not None:
@@ -232,6 +240,19 @@ def _of_regressor(
         )
     beta = _in_si(made, norms * units, chosen, others)
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
+
+
+def _but_for_digits(
+    Y: np.ndarray, aligned: np.ndarray, names: tuple[str, ...], kept: Sequence[str] | None
+) -> BaseParameters:
+    """Regrouping of a regressor (…, P), or of that with aligned axes if these have fewer base parameters (…, P)."""
+    base, unit = _of_regressor(aligned, 1.0, names, kept), unit_columns(Y.reshape(-1, Y.shape[-1]))[0]
+    more = numerical_rank(np.linalg.svd(unit, compute_uv=False), NEGLIGIBLE) - base.rank
+    if more <= 0:
+        return _of_regressor(Y, 1.0, names, kept)
+    left = Y[..., list(base.dependent)] - base.reduce(Y) @ base.beta
+    order = linalg.qr(left.reshape(-1, left.shape[-1]), mode="r", pivoting=True)[1]
+    return replace(base, by_digits=tuple(names[base.dependent[k]] for k in sorted(order[:more])))
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:

@@ -41,9 +41,9 @@ def bounded_norms(norms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(norms, SMALL_COLUMN * norms.max()), norms > ZERO_COLUMN * norms.max()
 
 
-def numerical_rank(singular_values: np.ndarray) -> int:
-    """Number of singular values above rounding."""
-    return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
+def numerical_rank(singular_values: np.ndarray, rounding: float = DEPENDENT) -> int:
+    """Number of singular values above rounding, a fraction of the largest."""
+    return int(np.sum(singular_values > rounding * singular_values.max(initial=0)))
 
 
 def first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[list[int], list[int]]:

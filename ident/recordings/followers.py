@@ -89,15 +89,14 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Re
     before, measured = mechanism.tree.joints, recording.measured
     driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
     mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
-    if both := sorted({*driven} & {*mechanism.tree.dependent}):
-        leads = ", ".join(mechanism.tree.closure.independent if mechanism.tree.closure else ())
-        does = f"make '{both[0]}' depend on {leads}" if leads else f"leave '{both[0]}' no motion"
-        instead = (
-            "Log its position in place of theirs, or take it"
-            if leads
-            else "Leave a wrong constraint out with --ignore, or take it"
+    closure, both = mechanism.tree.closure, sorted({*driven} & {*mechanism.tree.dependent})
+    if closure and not closure.independent and (both or not mechanism.tree.joints):
+        raise closure.rigid()
+    if closure and both:
+        raise LogError(
+            f"Loops make '{both[0]}' depend on {', '.join(closure.independent)}: its torque or command cannot be used. "
+            "Log its position in place of theirs, or take it out of the log or the mapping."
         )
-        raise LogError(f"Loops {does}: its torque or command cannot be used. {instead} out of the log or the mapping.")
     tree, recording, notes = _along(mechanism.tree, recording)
     mechanism = replace(mechanism, tree=tree)
     if carrier := mechanism.carrier:

@@ -78,6 +78,30 @@ def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(arm.known), Y @ arm.known, atol=1e-8 * abs(Y).max())
 
 
+def test_axes_that_are_parallel_but_for_digits_have_the_base_parameters_of_parallel_ones():
+    tilted = FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="2e-5 1 0"')
+    exact, base = (
+        ident.find_base_parameters(read(text).closed(("rod", "rocker"), ("crank",))) for text in (FOUR_BAR, tilted)
+    )
+    assert tilted != FOUR_BAR and (base.rank, base.names) == (exact.rank, exact.names)
+    np.testing.assert_allclose(base.beta, exact.beta, atol=1e-4)
+    assert exact.remark == "" and base.by_digits
+    assert base.remark.endswith(f"only by these digits the following would be base parameters too: "
+                                f"{', '.join(base.by_digits)}.")  # fmt: skip
+
+
+def test_base_parameters_need_loops_that_close_elsewhere_as_in_the_model():
+    sites = ("rod", "0.3 1e-5 0.12"), ("rocker", "0.05 0 0.22")
+    links = CRANK + ROCKER
+    for k, (name, pos) in enumerate(sites):
+        links = links.replace(f'<joint name="{name}"', f'<site name="end{k}" pos="{pos}"/><joint name="{name}"')
+    arm = read(text(links, '<connect name="pin" site1="end0" site2="end1"/>'))
+    gap = ident.find_base_parameters(arm.closed(("rod", "rocker"), ("crank",)))
+    assert gap.rank == ident.find_base_parameters(closed("four-bar")).rank
+    with pytest.raises(ModelError, match="Loops leave crank, rod, rocker no motion"):
+        ident.find_base_parameters(read(FOUR_BAR.replace("<connect", "<weld")).closed(("rod", "rocker"), ("crank",)))
+
+
 def test_loops_stay_on_the_branch_of_the_model():
     """Past the posture in which a parallelogram is flat, its bodies could go on as those of an antiparallelogram."""
     arm = read(PARALLELOGRAM).closed(("rod", "rocker"), ("crank",))
@@ -197,11 +221,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (
             FOUR_BAR.replace("<connect", "<weld"),
             log_of([SWING]),
-            r"Loops leave 'crank' no motion: its torque or command cannot be used\. Leave a wrong",
+            "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
+        ),
+        (
+            FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
+            log_of([SWING]),
+            "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "undetermined"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "skew",
+         "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
