@@ -93,10 +93,7 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
     coordinates, dofs = state_columns(model, "b0")
     joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
-    known = {
-        "gravity": gravity_in_base(model, "b0"),
-        "base": base_motion(model, "b0", *states) if floating else None,
-    }
+    known = {"gravity": gravity_in_base(model, "b0"), "base": base_motion(model, "b0", *states) if floating else None}
     assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
     if len(wrench) == FEW:

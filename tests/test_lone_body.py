@@ -157,10 +157,7 @@ def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     assert "Carried: tool, at the recorded poses" in capsys.readouterr().out
     (tmp_path / "c.toml").write_text(text[text.index("[wrenches") :])
     for arguments, message in (
-        (
-            [str(tmp_path / "swing.csv")],
-            "No joint moves 'tool': its pose has to be that of the base, 'tool', and the log",
-        ),
+        ([str(tmp_path / "swing.csv")], "No joint moves 'tool': its pose has to be that of the base, 'tool', and the"),
         (["arm.xml"], "payload needs a model and logs, or logs of a body alone; got 'arm.xml', no log."),
     ):
         assert command.main([*arguments, *options]) == 2

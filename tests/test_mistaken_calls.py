@@ -149,10 +149,7 @@ CALLS = {
     "a text for gaps": (lambda: mc.read_log({"time": T}, ARM, gaps="no"), "gaps needs True or False"),
     "complex columns": (lambda: mc.read_log({"time": T, "turn_position": T * 1j}, ARM), "needs numbers, got complex"),
     # Estimates.
-    "a comparison with nothing": (
-        lambda: estimates.quick().compare(None),
-        "other needs an Estimate, as of mc.identify",
-    ),
+    "a comparison with nothing": (lambda: estimates.quick().compare(None), "other needs an Estimate, as of"),
     "a level in a text": (lambda: estimates.quick().interval("x"), "level needs a number between 0 and 1"),
     "a parameter in a list": (lambda: estimates.quick()[["a"]], "The estimate has no parameter"),
     "a folder for an estimate": (lambda: estimates.quick().save("."), "path needs the path of a file to write"),
@@ -170,10 +167,7 @@ CALLS = {
     "half a thread": (lambda: mc.simulate_many(SPEC, DOUBLE_PENDULUM, seeds=[1], threads=1.5), "threads needs a whole"),
     "a specification that falls": (lambda: mc.fall(SPEC, "base", seconds=1.0), "model needs an MjModel"),
     "an excitation of texts": (lambda: mc.Excitation("a", "b", "c", "d"), f"offset {NUMBERS}"),
-    "drives to write": (
-        lambda: mc.write_model("x.xml", PENDULUM, PENDULUM.known, 3),
-        "drives needs a mapping of Drive",
-    ),
+    "drives to write": (lambda: mc.write_model("x.xml", PENDULUM, PENDULUM.known, 3), "drives needs a mapping of"),
     "a folder for a model": (lambda: mc.write_model(".", PENDULUM, PENDULUM.known), "path needs the path of a file"),
 }
 

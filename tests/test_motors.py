@@ -165,9 +165,7 @@ def loaded_mapping(**known):
 @cache
 def loaded_estimate(payload):
     return ident.identify(
-        sim.mechanism(loaded_arm(payload)),
-        loaded_columns(payload),
-        columns=loaded_mapping(payload=EXACT),
+        sim.mechanism(loaded_arm(payload)), loaded_columns(payload), columns=loaded_mapping(payload=EXACT)
     )
 
 

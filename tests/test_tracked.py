@@ -235,18 +235,12 @@ def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (
-            {"body": "hand", **POSE},
-            "[tracked.flange] needs a body that joints move, one of b0, b1, b2, b3, b4; got hand.",
-        ),
+        ({"body": "hand", **POSE}, "[tracked.flange] needs a body that joints move, one of b0, b1, b2, b3, b4; got"),
         ({**POSE, "position": ["x", "y"]}, "tracked.flange.position needs a list of 3 columns, got ['x', 'y']."),
         ({"position": ["x", "y", "z"]}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**POSE, **QUATERNION}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**QUATERNION, "quaternion": ["qw", "qx", "qy"]}, "tracked.flange.quaternion needs a list of 4 columns"),
-        (
-            {**QUATERNION, "quaternion": ["more", "qx", "qy", "qz"]},
-            "tracked.flange.orientation needs a norm of 1",
-        ),
+        ({**QUATERNION, "quaternion": ["more", "qx", "qy", "qz"]}, "tracked.flange.orientation needs a norm of 1"),
         ({**QUATERNION, "unit": "in"}, "tracked.flange.unit needs one of m, cm, mm; got in."),
         ({**POSE, "markers": [0, 0, 0]}, "tracked.flange.markers needs a table of entries, got [0, 0, 0]."),
         ({**POSE, "world": {}}, "[tracked.flange] has no entry 'world'; valid are body, position,"),
@@ -266,10 +260,7 @@ def test_recordings_in_python_are_checked_too():
     for given, message in (
         ({"trackers": {"flange": Tracker("world")}}, "The tracker 'flange' needs a body that joints move, one of b0,"),
         ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
-        (
-            {"measured": {**recording.measured, "flange_orientation": 2 * quaternion}},
-            "'flange_orientation' needs quaternions of norm 1; sample 0 has 2.",
-        ),
+        ({"measured": {**recording.measured, "flange_orientation": 2 * quaternion}}, "'flange_orientation' needs"),
     ):
         with pytest.raises(ident.InputError) as error:
             identified(replace(recording, **given))

@@ -66,10 +66,7 @@ def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path, write, name, size
     assert len(contents(tmp_path)[name]) > size
 
 
-COMMANDS = {
-    "mechanism": (mechanism, []),
-    "excite": (excite, ["double_pendulum", "--starts", "1", "--iterations", "1"]),
-}
+COMMANDS = {"mechanism": (mechanism, []), "excite": (excite, ["double_pendulum", "--starts", "1", "--iterations", "1"])}
 
 
 @pytest.mark.usefixtures("no_trajectory")

@@ -12,10 +12,7 @@ from experiments.document import print_table, provenance, result_folder, tabular
 from ident.display import plots
 from ident.files.atomic import PARTIAL
 
-TABLE = tabular.Table(
-    "Errors, kg",
-    *tabular.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]),
-)
+TABLE = tabular.Table("Errors, kg", *tabular.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]))
 
 
 def test_csv_keeps_all_digits_and_other_forms_those_that_are_shown():

@@ -10,14 +10,7 @@ import wrist
 import sim
 from ident.mechanism.mechanism import Mechanism
 
-UR = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 """Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")

@@ -138,12 +138,7 @@ def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
     assert mapped(belief, "command") == ({"lift": names[1]} if "command" in names[1] else {})
 
 
-WRIST = [
-    ("FT{}", "MT{}"),
-    ("F{}_ATI", "T{}_ATI"),
-    ("Kraft_{}", "Drehmoment_{}"),
-    ("tool.force.{}", "tool.torque.{}"),
-]
+WRIST = [("FT{}", "MT{}"), ("F{}_ATI", "T{}_ATI"), ("Kraft_{}", "Drehmoment_{}"), ("tool.force.{}", "tool.torque.{}")]
 
 
 @pytest.mark.parametrize(("force", "torque", "torques"), [(*WRIST[0], False), (*WRIST[-1], False), (*WRIST[0], True)])

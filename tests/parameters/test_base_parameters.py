@@ -7,15 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanisms import (
-    GRAVITY,
-    double_pendulum,
-    random_phi,
-    random_states,
-    random_tree,
-    regrouping_error,
-    tilted_axis,
-)
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, regrouping_error, tilted_axis
 from regroupings import check_regroupings, tree_of_any_kind, unit_condition
 from scipy import linalg
 from test_against_opensymoro import DATA, tree_of

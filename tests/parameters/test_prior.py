@@ -144,10 +144,7 @@ def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centr
     ("placed", "message"),
     [
         ({"pelvis": Placed("pelvis")}, "'pelvis' goes from lumbar joint to middle of the hips; say where"),
-        (
-            {"foot_r": Placed("foot")},
-            "'foot_r' goes from ankle to metatarsal heads; say where in its frame, in m, as in",
-        ),
+        ({"foot_r": Placed("foot")}, "'foot_r' goes from ankle to metatarsal heads; say where in its frame, in m, as"),
         ({"nose": Placed("foot")}, "got nose = 'foot'"),
         ({"foot_r": Placed("nose")}, "thigh, shank, foot; got foot_r = 'nose'"),
         ({}, "No body is named as a segment"),

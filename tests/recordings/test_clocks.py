@@ -54,11 +54,7 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
         ({"a": (T, T)}, {}, "Streams without joint positions need a rate"),
         ({"a": (T, T)}, {"rate": -1.0}, r"need a positive rate in Hz .*, got -1\.0"),
         ({"a": (T, T * np.nan)}, {"rate": 10.0}, "Streams need samples"),
-        (
-            {"a_position": (T, T), "b": (T + 1, T)},
-            {},
-            r"Streams need a time that all of them cover; 'b' begins at 1 s and 'a_position' ends at 0.39 s",
-        ),
+        ({"a_position": (T, T), "b": (T + 1, T)}, {}, r"Streams need a time that all of them cover; 'b' begins at 1 s"),
     ],
 )
 def test_bad_streams_are_one_sentence(streams, options, message):

@@ -59,12 +59,7 @@ REFUSED = {
     "no column": ("neck_position.z", None, None, "'neck' needs columns of its positions, named neck_position, q_neck,"),
     "norm": ("neck_position.x", 3 + T, None, "row 2, joints.neck.position needs a norm of 1, got"),
     "one column": ("x", T, '[joints.neck]\nposition = "x"', "joints.neck.position needs a list of 4 columns, got x"),
-    "motor": (
-        "x",
-        T,
-        '[motors.m]\njoints = ["neck"]\nmatrix = [[1]]',
-        "motors.m.joints needs a list of joints, of elbow",
-    ),
+    "motor": ("x", T, '[motors.m]\njoints = ["neck"]\nmatrix = [[1]]', "motors.m.joints needs a list of joints, of"),
 }
 
 

@@ -242,8 +242,6 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
 
 def test_a_message_on_many_parameters_is_no_page_long():
     names = [f"m{k}" for k in range(130)]
-    with pytest.raises(
-        ExcitationError, match=r"does not separate the base parameters m0, .*, m39, \.\.\.: 0 of 130"
-    ) as error:
+    with pytest.raises(ExcitationError, match=r"does not separate the base parameters m0, .*, m39, \.\.\.: 0") as error:
         check_excitation(np.zeros((130, 130)), names, 20)
     assert error.value.parameters == tuple(names)

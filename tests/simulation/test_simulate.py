@@ -174,9 +174,7 @@ def test_threads_and_company_make_no_difference(scene):
 def test_servos_that_lose_the_excitation_are_refused():
     spec = scenes.load("double_pendulum")
     spec.actuator("servo1").forcerange = [-20, 20]
-    with pytest.raises(
-        ValueError, match=r"lost the excitation after 0\.\d\d s by 0\.\d\d rad: it must stay within"
-    ) as e:
+    with pytest.raises(ValueError, match=r"lost the excitation after 0\.\d\d s by 0\.\d\d rad: it must stay") as e:
         simulate_many(spec, DOUBLE_PENDULUM, seeds=range(3), threads=2)
     assert "servo of joint 'joint1'" in str(e.value)
 

@@ -247,9 +247,7 @@ def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, ca
 
 
 def test_bad_limits_are_refused():
-    with pytest.raises(
-        ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and \[0.0\]"
-    ):
+    with pytest.raises(ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and"):
         Limits([1.0], [0.0], [1.0], [1.0])
     with pytest.raises(ValueError, match=r"velocity need to be positive and below 1e\+08, got \[0.0\]"):
         Limits([0.0], [1.0], [0.0], [1.0])

@@ -120,11 +120,7 @@ def toml(values):
     [
         ('title = "Mine"', 'titel = "x"', "the study has no entry 'titel'; valid are excitation, figures"),
         ("tilt_deg", "tilt", r"\[scene\] has no entry 'tilt'; valid are model, base, tilt_deg"),
-        (
-            'model = "double_pendulum"',
-            'model = "crane"',
-            r"needs one of double_pendulum, bowing, humanoid, arm; got crane",
-        ),
+        ('model = "double_pendulum"', 'model = "crane"', r"needs one of double_pendulum, bowing, humanoid, arm; got"),
         ('model = "double_pendulum"', 'model = "arm.xml"', "scene.model 'arm.xml' does not exist"),
         ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle; got wall"),
         ('ignore = "all"', 'ignore = ["all"]', 'models.known.ignore needs "all" as a text, not in a list'),
@@ -140,11 +136,7 @@ def toml(values):
         ('["ordinary", "weighted"]', '["ordinary"]', "shows error_weighted, but drawn has no estimator 'weighted'"),
         ('"residuals"', '"residual"', "figures.figure_mine.kind needs one of wrenches, wrench errors, residuals"),
         ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known; got other"),
-        (
-            "drawn = {",
-            "True = {",
-            "models.True needs another name: curves of wrenches call true, measured, ground what",
-        ),
+        ("drawn = {", "True = {", "models.True needs another name: curves of wrenches call true, measured, ground"),
         ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
         ('"double_pendulum"\n[scene]', '"wild"\n[scene]', "excitation needs one of double_pendulum, bowing; got wild"),
         ("[models]", "[models", "a study needs to be TOML in UTF-8"),

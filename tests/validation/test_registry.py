@@ -103,11 +103,7 @@ path = "models/arm.xml"
         ("tried = false", 'tried = "no"', "tried"),
         ("[source]", "[sources]", "is no entry"),
         ("path =", "paths =", "is no entry"),
-        (
-            "[source]",
-            'published = [{ name = "m", value = 1.0, std = -0.1 }]\n[source]',
-            "std needs a number of at least 0, got -0.1",
-        ),
+        ("[source]", 'published = [{ name = "m", value = 1.0, std = -0.1 }]\n[source]', "std needs a number of at"),
         ("[source]", "options = { columns = 3 }\n[source]", "options.columns needs a text, got 3"),
     ],
 )

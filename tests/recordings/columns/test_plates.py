@@ -245,10 +245,7 @@ BAD = {
     "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
     "twice": ('frame = "world"\non = "auto"\namong = ["arm", "arm"]', "among needs a list of the two bodies or more"),
     "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs one of pelvis"),
-    "among one": (
-        'frame = "world"\non = "arm"\namong = ["arm", "foot_r"]',
-        'among belongs to on = "auto"; got on = arm',
-    ),
+    "among one": ('frame = "world"\non = "arm"\namong = ["arm", "foot_r"]', 'among belongs to on = "auto"; got on ='),
     "turned world": ('frame = "world"\non = "arm"\nrpy_deg = [0, 0, 9]', "'rpy_deg' would turn them: say frame"),
     "no pose": (ON, "[wrenches.p] needs the plate's pose in the world: 'position' with a rotation, or 'corners'"),
     "both poses": (ON + CORNERS + "position = [0, 0, 0]", "[wrenches.p] needs 'corners' or 'position', got both"),
@@ -262,10 +259,7 @@ BAD = {
     "a point": (ON + "corners = [[0,0,0], [0,0,0], [0,0,0], [0,0,0]]", "needs the corners of a rectangle"),
     "no free moment": (ON + CORNERS + 'point = ["x", "y", 0]', "[wrenches.p] has 'point' without 'free_moment'"),
     "no point": (ON + CORNERS + 'free_moment = ["", "", "t"]', "[wrenches.p] has 'free_moment' without 'point'"),
-    "both moments": (
-        ON + CORNERS + POINT + 'torque = ["d", "e", "f"]',
-        "'torque', moments about its origin, or 'point'",
-    ),
+    "both moments": (ON + CORNERS + POINT + 'torque = ["d", "e", "f"]', "'torque', moments about its origin, or"),
     "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
     "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
     "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
