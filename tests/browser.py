@@ -23,11 +23,7 @@ LOADED = "if (document.readyState !== 'complete') return new Promise((done) => a
 
 
 class Browser:
-    """One window.
-
-    Args:
-        session: Address of its session at the driver.
-    """
+    """One window."""
 
     def __init__(self, session):
         self.session = session

@@ -8,15 +8,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 @contextmanager
 def server(contents, *, status=200, whole=None, location=None, pause=0.0):
-    """Address of a server, and the files that it is asked for.
-
-    Args:
-        contents: What it sends, for all paths or by the last part of the path.
-        status: Status of its answers.
-        whole: Bytes that it says it sends; then it breaks off.
-        location: Address to which it redirects.
-        pause: Time between the bytes that it sends, s; 0 to send them at once.
-    """
+    """Address of a server that may lie about the size, redirect or pause, and the files that it is asked for."""
     asked = []
 
     class Handler(BaseHTTPRequestHandler):

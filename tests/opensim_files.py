@@ -102,16 +102,7 @@ def inertial(phi, version):
 
 
 def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", markers=()):
-    """An OpenSim file.
-
-    Args:
-        joints: The joints, one for each body.
-        phi: φ of the bodies by name.
-        version: Version of OpenSim.
-        gravity: Gravity in the ground's axes.
-        constraints: Content of the `ConstraintSet`.
-        markers: Name, body and location of each.
-    """
+    """An OpenSim file of joints, φ by body, the content of its `ConstraintSet`, and markers (name, body, place)."""
     held = {joint.child: joint for joint in joints}
     bodies = "".join(
         f'\n <Body name="{name}">\n  {inertial(own, version)}\n  '

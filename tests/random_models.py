@@ -55,14 +55,7 @@ def drive_attributes(rng, kind):
 
 
 def random_model(rng, bodies, floating=False, drives=None):
-    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies.
-
-    Args:
-        rng: Random numbers.
-        bodies: Number of bodies.
-        floating: True for a free joint under the first one.
-        drives: Random numbers for drives of the joints, None without drives.
-    """
+    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies."""
 
     def driven(kind):
         return drive_attributes(drives, kind) if drives else ""

@@ -55,15 +55,7 @@ def motion(samples, rate=100.0):
 
 
 def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):
-    """Readings of plates in the world, and of encoders.
-
-    Args:
-        samples: Number of samples at 100 Hz.
-        sway: Factor on force and moments out of the plane.
-        noise: Factor of 1 N, 0.3 N m, 2 mrad and 2 mm.
-        exact: True for joint coordinates without noise, with velocities and accelerations.
-        seed: Seed of the noise.
-    """
+    """Readings of plates, with sway out of the plane, and of encoders; noise of 1 N, 0.3 N m, 2 mrad and 2 mm."""
     person, rng, (time, q, dq, ddq) = mechanism(), np.random.default_rng(seed), motion(samples)
     total = base_wrench_regressor(person.tree, q, dq, ddq, gravity=person.gravity) @ person.known
     total[:, 2] += sway * (40 * np.sin(5 * time) + 60 * q[:, 3])

@@ -29,16 +29,7 @@ def motion(rng, speed, rests=None):
 
 
 def recorded(seed=0, *, speed=0.5, rests=None, forces=0.0, moments=0.0, angles=0.0, noise=0.0, jitter=1e-3):
-    """Angles and a wrench at 100 Hz.
-
-    Args:
-        seed: Seed of phases and noise.
-        speed: Factor on the frequencies, from .23 to .79 Hz.
-        rests: Angle at which the second joint rests, rad; by default both move.
-        forces: Resolution of forces, N; `moments` and `angles` likewise, N m and rad.
-        noise: Factor on the wrench's noise.
-        jitter: Noise of the angles of moving joints, rad.
-    """
+    """Angles and a wrench at 100 Hz in steps of some size; `rests` is the angle of a second joint that rests."""
     rng = np.random.default_rng(seed)
     states = motion(rng, speed, rests)
     wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known

@@ -19,10 +19,7 @@ RECORDED = SEEDS[::20]
 
 
 def case(seed):
-    """A model of 2 to 30 bodies, every third one without ground under it, and its states.
-
-    Every twentieth has enough states for its equations to be recorded, which is slow.
-    """
+    """A model of 2 to 30 bodies, every third one without ground under it, and its states."""
     rng = np.random.default_rng(seed)
     model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
     return model, random_model_states(rng, model, FEW if seed in RECORDED else 1)

@@ -57,12 +57,7 @@ def kept(tmp_path, file=simulation.FILE):
 
 @dataclass(frozen=True)
 class Mortal:
-    """An analysis whose worker is killed once, in the trial that draws a certain force.
-
-    Attributes:
-        force: The trial's first ground force along x.
-        died: File that exists afterwards.
-    """
+    """An analysis whose worker is killed once, in the trial that draws a certain force."""
 
     force: float
     died: Path
@@ -109,10 +104,7 @@ def read_until(process, pattern):
 
 
 def interrupted(command, pattern, number=signal.SIGINT):
-    """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output.
-
-    It has its own process group, of which no process may remain.
-    """
+    """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
     # Otherwise MuJoCo starts a process for glfw, whose traceback would appear if it is ended meanwhile.
     quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}

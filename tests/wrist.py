@@ -27,13 +27,7 @@ _LINKS = (
 
 
 def model(*, tool=TOOL, beyond="", stated=True):
-    """MJCF of the arm.
-
-    Args:
-        tool: Mass, centre of mass and inertia of the tool.
-        beyond: Bodies on the tool.
-        stated: True if the tool has an inertia.
-    """
+    """MJCF of the arm."""
     text = lambda x: " ".join(map(str, x))  # noqa: E731
     inertial = f'<inertial mass="{tool["mass"]}" pos="{text(tool["com"])}" fullinertia="{text(tool["inertia"])}"/>'
     bodies = (
@@ -84,18 +78,7 @@ def read(text, seconds=20.0, rate=100.0, size=1.0):
 
 
 def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2, 5, 0.1, -0.2, 0.05), sign=1, **faults):
-    """A log of angles (0.3 mrad of noise) and of the sensor (0.1 N, 5 mN m), with its offsets.
-
-    Args:
-        seed: Seed of the noise.
-        text: The true arm.
-        seconds: Duration, s.
-        rate: Samples per second, Hz.
-        size: Factor on the motion.
-        offset: Offset of the sensor (6,).
-        sign: -1 for the tool's wrench on the sensor.
-        faults: `delay` in samples of the wrench; `gains` of its channels (6,).
-    """
+    """Angles (0.3 mrad of noise) and the sensor (0.1 N, 5 mN m) with offsets, a `delay` in samples and `gains`."""
     rng, (t, q, *_) = np.random.default_rng(seed), motion(seconds, rate, size=size)
     wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6))) + offset
     wrench = wrench + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)

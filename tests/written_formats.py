@@ -102,11 +102,7 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
 
 
 def write_bag(path, topics, *, stamped=True, packed=False, mode="STORAGE"):
-    """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name.
-
-    `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
-    for arrays (N, d).
-    """
+    """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import CompressionFormat as Format
     from rosbags.rosbag2 import CompressionMode as Mode

@@ -85,14 +85,7 @@ def columns_of(robot, *patterns, first=0, order=None, labels=None, clock=PLAIN, 
 
 
 def arm(tool, about, robot, *patterns, beside=None, wrench=(), asked=False, lacking=(), **how):
-    """A log of an arm, arguments as for `columns_of`.
-
-    Args:
-        beside: Other columns.
-        wrench: Patterns of the ground's force and moment.
-        asked: As for `Log`.
-        lacking: Joints without columns.
-    """
+    """A log of an arm, arguments as for `columns_of`; `wrench` has patterns of the ground's force and moment."""
     columns, truth = columns_of(robot, *patterns, **how)
     parts = [vector(pattern, x) for pattern, x in zip(wrench, (robot.base[:, :3], robot.base[:, 3:]), strict=False)]
     ground = {name: x for part in parts for name, x in part.items()}

@@ -28,17 +28,7 @@ UR_LINKS = (
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """An arm and its recording.
-
-    Attributes:
-        mechanism: The mechanism.
-        joints: Joints that move, from the base on.
-        time: Times (N,).
-        q: Their positions (N, n).
-        dq: Velocities (N, n).
-        tau: Torques with friction and noise (N, n).
-        base: Wrench of the ground on the base (N, 6).
-    """
+    """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
 
     mechanism: Mechanism
     joints: tuple[str, ...]

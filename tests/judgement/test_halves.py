@@ -10,15 +10,7 @@ from ident.judgement.fit_findings import halves_findings
 
 
 def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
-    """A trajectory estimate of one parameter, from the estimate of each piece and its precision.
-
-    Args:
-        estimates: Estimate of each piece (k,).
-        precision: Its precision (k,).
-        known: Precision of the prior; `mean` is its mean.
-        counts: Number of pieces of each recording; by default one recording.
-        scatter: Variance of each piece's right side; by default its precision (k,).
-    """
+    """A trajectory estimate of one parameter, from the estimate of each piece and its precision."""
     estimates, precision = np.array(estimates, float), np.array(precision, float)
     scatter = precision if scatter is None else np.array(scatter, float)
     counts = counts or (len(estimates),)

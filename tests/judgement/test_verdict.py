@@ -15,17 +15,7 @@ from ident.judgement.verdict import Outcome, Verdict, decided
 
 
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
-    """The pendulum in a motion of six sines, with white noise on angles and wrench.
-
-    Args:
-        seed: Seed of motion and noise.
-        seconds: Duration, s.
-        rate: Samples per second.
-        size: Size of the motion.
-        angle: Noise of the angles, rad.
-        force: Noise of the forces, N; that of the moments is a tenth, N m.
-        drag: Unmodelled force along y on the base over the square of the first joint's velocity, N s².
-    """
+    """The pendulum in a motion of six sines, with noise (rad, N) and a drag along y that no model has (N s²)."""
     rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
     w, a, phase = (
         2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)),

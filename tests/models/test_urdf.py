@@ -26,11 +26,7 @@ def numbers(x):
 
 
 def random_urdf(rng, bodies):
-    """Links with any symmetric matrix as inertia, tiny, without mass, without extent or without inertial.
-
-    Returns:
-        The text, φ as stated, and names of the links with unphysical inertia.
-    """
+    """Links with any symmetric matrix as inertia, tiny, without mass, without extent or without inertial."""
     text, phi, odd = [], [], []
     for i in range(bodies):
         what = rng.choice(["any", "tiny", "point", "no mass", "nothing", "no inertial"]) if i else "any"

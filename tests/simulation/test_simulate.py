@@ -90,11 +90,7 @@ SCENES = ({}, TILT, TILT | {"contact": "pad"}, TILT | {"contact": "handle"}, {"c
 
 
 def looped(spec, samples, seed):
-    """The true channels by calls of mj_step, with readings at a copy of each recorded state.
-
-    Returns:
-        Readings by channel; and MuJoCo's own qacc and sensordata at the recorded states (N, nv) and (N, nsensordata).
-    """
+    """The true channels by calls of mj_step, with readings at a copy of each recorded state."""
     model = spec.compile()
     reader = spec.compile()
     reader.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

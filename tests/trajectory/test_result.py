@@ -36,15 +36,7 @@ def data(rng, of=NAMES):
 
 
 def joint(information, *, scatter=None, gradient=0.0, weight=0.3, setup=SETUP):
-    """Trajectory estimate with the set-up held, whose prior had a weight in the fit.
-
-    Args:
-        information: Precision from the data (4, 4).
-        scatter: Covariance of the data's right side; by default `information`, as for the assumed noise (4, 4).
-        gradient: Precision times the step of the set-up that the data ask for (4,).
-        weight: Weight of the prior.
-        setup: The two parameters of the set-up.
-    """
+    """Trajectory estimate of information from the data, with the set-up held and a weight of the prior in the fit."""
     fit = SimpleNamespace(
         names=NAMES,
         free=np.array([True, True, False, False]),
