@@ -2,11 +2,13 @@
 
 from functools import cache
 
+import driven_arm
 import mujoco
 import numpy as np
 
 import ident
 import sim
+from ident.setup import PRIORS
 
 JOINTS = ("turn", "lift", "bend")
 TRUE = {
@@ -110,3 +112,16 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
     channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
     channels |= {f"{joint}_command": x for joint, x in zip(JOINTS, commands.T, strict=True)}
     return np.arange(count) / rate, channels
+
+
+@cache
+def quick():
+    """Least squares of the arm with friction, from its torques."""
+    return ident.identify(driven_arm.mechanism(), driven_arm.log(6.0, 50.0), estimator="weighted", cutoff=8.0)
+
+
+@cache
+def jointly():
+    """Trajectory estimate of the same, with the set-up as stated."""
+    exact = dict.fromkeys(PRIORS, 0.0) | {"gain": 0.01}
+    return ident.identify(driven_arm.mechanism(), driven_arm.log(4.0, 50.0), setup=exact, known=True)

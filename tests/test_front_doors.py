@@ -5,7 +5,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 
-import estimates
+import driven_arm
 import pytest
 
 import ident
@@ -150,7 +150,7 @@ def test_nothing_is_imported_before_it_is_needed():
 
 
 def test_a_report_is_the_page_of_the_command_and_the_notebook_links_it(tmp_path):
-    estimate = estimates.quick()
+    estimate = driven_arm.quick()
     try:
         page = mc.report(estimate, tmp_path / "arm")
         assert page == tmp_path / "arm" / "report.html" and "Replay" in estimate._repr_html_()

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import driven_arm
 import numpy as np
 import pytest
-from estimates import jointly, quick
+from driven_arm import jointly, quick
 from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled

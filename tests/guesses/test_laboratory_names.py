@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
+from guesses.forty_logs import seven
 from guesses.odd_logs import DEG, text, vector
-from guesses.robots import seven
 
 import ident
 import scenes

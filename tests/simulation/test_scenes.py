@@ -1,18 +1,24 @@
-"""The scenes: their bodies, tilts, friction and noise; a humanoid that falls."""
+"""The scenes: bodies, tilts, friction, noise, a humanoid that falls, and contacts against MuJoCo's own forces."""
 
+import mujoco
 import numpy as np
 import pytest
 from mechanisms import LENGTH_1, random_states, tilted_axis
 
 import scenes
+from experiments.data.simulated_study import StudyProblem
+from experiments.studies.study_entries import packaged
+from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.wrench import Wrench, total_wrench
+from ident.recordings.wrench import Wrench, total_wrench, transform_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.contacts import fall
+from sim.simulation.simulate import simulate
 
 MODEL = scenes.load("double_pendulum").compile()
 
@@ -122,3 +128,93 @@ def test_structural_rank_is_the_numeric_rank():
 def test_falls_that_cannot_be_sampled_are_refused(seconds, rate, message):
     with pytest.raises(ValueError, match=message):
         fall(HUMANOID, "pelvis", seconds=seconds, rate=rate)
+
+
+UNTOUCHED = scenes.load("double_pendulum").compile()
+
+
+@pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
+def contact(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def recording(contact):
+    return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+
+
+def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
+    problem = StudyProblem.of(packaged("multicontact", contact=contact))
+    known = problem.known
+    states = recording.joint_states(known.tree.joints)
+    data = mujoco.MjData(UNTOUCHED)
+    expected = np.empty((len(recording.time), 6))
+    for k, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
+        data.qpos, data.qvel, data.qacc = q, dq, ddq
+        mujoco.mj_inverse(UNTOUCHED, data)
+        expected[k] = data.sensordata[:6]
+    total = problem.total(recording).values
+    np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    assert abs(recording.wrench("ground").values - expected).max() > 30
+
+
+@pytest.mark.parametrize("contact", ["pad", "pad handle"])
+def test_the_pad_is_touched_several_times(contact):
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    touching = recording["pad_normal_force"] > 0
+    assert 0.25 < touching.mean() < 0.8
+    assert np.sum(~touching[:-1] & touching[1:]) >= 4
+    site = scenes.load_cells(contact)["pad"]
+    assert 40 < np.linalg.norm(recording[f"{site}_force"], axis=1).max() < 400
+
+
+@pytest.mark.parametrize("contact", ["handle", "pad handle"])
+def test_the_handle_keeps_all_six_components_alive(contact):
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    force, torque = (recording[f"{scenes.load_cells(contact)['handle']}_{kind}"] for kind in ("force", "torque"))
+    assert (force.std(axis=0) > 10).all()
+    assert (torque.std(axis=0) > 1).all()
+    # A free moment: no single force gives this wrench, because the moment is not normal to the force.
+    pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
+    assert np.median(pitch) > 0.5
+
+
+def test_load_cells_agree_with_mujocos_constraint_forces(contact):
+    # A cell reads the link's wrench on it: its motion and weight less the wrench of the surroundings on it, from a
+    # contact or a weld.
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    tree = tree_from_model(model, "base", beyond=(), ignore=["grip"] * model.nmocap)
+    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
+    mujoco.mj_kinematics(model, data)
+    for velocity in [(0.3, -0.2), (-0.5, 0.4), (0.0, 1.0)]:
+        data.qvel[:2] = velocity
+        if model.nmocap:
+            held = data.body(model.eq_obj1id[0])
+            data.mocap_pos[0], data.mocap_quat[0] = held.xpos + rng.normal(scale=0.01, size=3), held.xquat
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        q, dq, ddq = (x[None, :2] for x in (data.qpos, data.qvel, data.qacc))
+        Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity_in_base(model, "base"))[0]
+        for site in scenes.load_cells(contact).values():
+            cell = tree.names.index(site.replace("contact", "load_cell"))
+            own = slice(10 * cell, 10 * cell + 10)
+            inertial = Y[:, own] @ parameters_from_model(model, "base", beyond=())[own]
+            # MuJoCo writes torque first, about the centre of mass of the whole tree, in the world's axes.
+            external = data.cfrc_ext[model.body(tree.names[cell]).id]
+            centre = se3.pose(np.eye(3), data.subtree_com[model.body("base").id] - model.body("base").pos)
+            on_cell = transform_wrench(centre, np.roll(external, 3))
+            measured = np.concatenate([data.sensor(f"{site}_{kind}").data for kind in ("force", "torque")])
+            computed = transform_wrench(tree.poses(q)[0, cell], measured)
+            np.testing.assert_allclose(computed, inertial - on_cell, rtol=0, atol=1e-10 * abs(computed).max())
+            assert abs(on_cell[:3]).max() > 5
+
+
+def test_several_contacts_are_different_ones_in_any_order():
+    first, second = (scenes.load("double_pendulum", contact=contact) for contact in ("pad handle", "handle pad"))
+    first.compile(), second.compile()
+    assert first.to_xml() == second.to_xml()
+    with pytest.raises(ValueError, match="different ones, got 'pad handle pad'"):
+        scenes.load("double_pendulum", contact="pad handle pad")
+    with pytest.raises(ValueError, match="No contact is named ''"):
+        scenes.load("double_pendulum", contact="")
