@@ -21,9 +21,7 @@ TRUE = {
 """Drives of the joints, by MJCF's attributes."""
 
 
-KP, KV = (60.0, 80.0, 30.0), (4.0, 5.0, 2.0)
-"""Stiffness and damping of the joints' servos."""
-
+KP, KV = (60.0, 80.0, 30.0), (4.0, 5.0, 2.0)  # Stiffness and damping of the joints' servos.
 ACTUATORS = "<actuator>{}</actuator>".format(
     "".join(f'<position joint="{j}" kp="{kp}" kv="{kv}"/>' for j, kp, kv in zip(JOINTS, KP, KV, strict=True))
 )
@@ -42,8 +40,7 @@ def text(*, more="", **drives):
       {more}</mujoco>"""
 
 
-NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))
-"""Drives of a model that states none."""
+NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states none.
 
 
 @cache

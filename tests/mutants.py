@@ -27,8 +27,7 @@ SWAPPED |= {
 }
 SWAPPED |= {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
 """Operators that replace each other."""
-PATIENCE = 600.0
-"""Seconds until tests count as hanging."""
+PATIENCE = 600.0  # Seconds until tests count as hanging.
 
 
 def faults(source: str) -> list[tuple[int, str, str]]:

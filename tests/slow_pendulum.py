@@ -5,8 +5,7 @@ from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
 
-NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.05, 0.05])
-"""Noise of the scene's wrench, N and N m."""
+NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.05, 0.05])  # Noise of the scene's wrench, N and N m.
 
 
 TIME = np.arange(800) / 100

@@ -141,8 +141,7 @@ def test_commands_in_degrees_are_named(tmp_path):
     np.testing.assert_allclose(log["turn_command"], driven_arm.commanded(seconds=2.0)[1]["turn_command"], atol=1e-9)
 
 
-WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
-"""Stated over true stiffness of the servos."""
+WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))  # Stated over true stiffness of the servos.
 
 
 @cache

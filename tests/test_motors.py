@@ -18,16 +18,13 @@ from ident.estimation.preparation import prepared
 from ident.mechanism.drives import Drive
 from ident.recordings.recording import Recording
 
-MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])
-"""Angles of two motors over those of the joints lift and bend."""
-
+MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])  # Angles of two motors over those of the joints lift and bend.
 GEARS, MOTORS = np.array([30.0, 30.0]), ("wrist 1", "wrist 2")
 MOTOR_DRIVES = {"Ia": (1.5e-4, 1.2e-4), "Fv": (8e-4, 5e-4), "Fc": (0.03, 0.015)}
 """Rotor inertia, kg m², and friction, N m s and N m, of the motors."""
 
 TRUE = {f"{column}({motor})": x for column, own in MOTOR_DRIVES.items() for motor, x in zip(MOTORS, own, strict=True)}
-NOISE = 4e-4
-"""Noise of the motors' torques, N m."""
+NOISE = 4e-4  # Noise of the motors' torques, N m.
 
 
 def arm(bend=(1, 0, 0), **drives):
@@ -111,9 +108,7 @@ def test_a_model_s_file_keeps_what_it_states_of_coupled_joints(tmp_path):
 
 JOINTS = ("turn", "shoulder", "elbow", "wrist")
 COULOMB, TORQUE_NOISE = np.array([1.5, 2.0, 1.0, 0.3]), np.array([0.015, 0.02, 0.01, 0.003])
-STATED = 1.2
-"""Stated over true torque."""
-
+STATED = 1.2  # Stated over true torque.
 MASSES = dict(zip(("column", "upper", "fore", "tool"), (1.2, 0.85, 1.15, 1.25), strict=True))
 """True over the model's masses and inertias."""
 

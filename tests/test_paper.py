@@ -65,8 +65,7 @@ def spread():
 LARGE = {"m1rx1": 1.67, "Ixy2": 1.04, "Ixz2": 0.98, "Ixy3": 0.895, "Ixz3": 0.895}
 """The simplified model's large errors over the paper's: fitted, but the first is not reached."""
 
-OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")
-"""Its small errors with the opposite sign of the paper's."""
+OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")  # Its small errors with the opposite sign of the paper's.
 
 
 def test_neglecting_the_tilt_gives_the_papers_errors(spread):

@@ -29,14 +29,11 @@ INERTIALS = (
     'mass="1" pos=".15 .02 .01" diaginertia=".002 .01 .01"',
     'mass=".8" pos=".06 .01 .03" diaginertia=".002 .003 .002"',
 )
-MARKERS = ((0.12, 0.01, 0.02), (0.3, -0.5, 1.1))
-"""Place of the markers on the last body, m, and Euler angles, rad."""
-
+MARKERS = ((0.12, 0.01, 0.02), (0.3, -0.5, 1.1))  # Place of the markers on the last body, m, and Euler angles, rad.
 WORLD = Rotation.from_rotvec([0.5, -1.0, 2.0]), np.array([1.0, 2.0, -0.5])
 """Turn and place of the base in the tracker's frame."""
 
-NOISE = 1e-4, np.radians(0.01)
-"""Noise of positions, m, and of orientations, rad."""
+NOISE = 1e-4, np.radians(0.01)  # Noise of positions, m, and of orientations, rad.
 
 
 def text(places=PLACES):

@@ -38,8 +38,7 @@ SLIDES = "".join(
     for k, (name, axis) in enumerate(zip(ROOT, AXES, strict=True))
 )
 JOINTED, SMALL = (MODEL.format(root=SLIDES, limbs=limbs) for limbs in (LEGS + ARM, ARM))
-TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}
-"""Body on each plate and on the rail."""
+TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}  # Body on each plate and on the rail.
 
 
 @cache

@@ -12,9 +12,7 @@ JOINTS = tuple(f"joint{k}" for k in range(1, 8))
 TOOL = {"mass": 0.1, "com": (0.012, -0.008, 0.05), "inertia": (1.1e-4, 9e-5, 6e-5, 1e-5, -8e-6, 4e-6)}
 """Mass, centre of mass, and inertia about it: xx, yy, zz, xy, xz, yz."""
 
-FACING = "0.9238795 0 0 0.3826834"
-"""Quaternion of the sensor in the tool's frame: 45° about z."""
-
+FACING = "0.9238795 0 0 0.3826834"  # Quaternion of the sensor in the tool's frame: 45° about z.
 _LINKS = (
     ("0 0 0.333", "1 0 0 0"),
     ("0 0 0", "1 -1 0 0"),

@@ -22,8 +22,7 @@ from ident.errors import InputError
 
 pytestmark = pytest.mark.extras
 
-SHORT = 10
-"""Most lines of a repr."""
+SHORT = 10  # Most lines of a repr.
 
 
 class Tags(HTMLParser):

@@ -95,9 +95,7 @@ def _recorded(bodies, joints):
     return Robot(mechanism, joints, time, q, dq[:, :n] + 1e-3 * order.normal(size=q.shape), tau, ground)
 
 
-ALPHABETICAL = sorted(range(6), key=UR.__getitem__)
-"""Joints of the six-axis robot in ROS's order."""
-
+ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
 PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
 """Name, factor and start of columns of times."""
 

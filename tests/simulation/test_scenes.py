@@ -63,8 +63,7 @@ HUMANOID = scenes.load("humanoid").compile()
 TREE, PHI = tree_from_model(HUMANOID, "pelvis"), parameters_from_model(HUMANOID, "pelvis")
 GRAVITY = gravity_in_base(HUMANOID, "pelvis")
 SENSORS = Sensors(moving_base=True)
-FREE = 7, 6, 6
-"""Entries of the free joint in qpos, qvel and qacc."""
+FREE = 7, 6, 6  # Entries of the free joint in qpos, qvel and qacc.
 
 
 @pytest.fixture(scope="module")
