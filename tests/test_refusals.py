@@ -5,21 +5,26 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import driven_arm
 import mujoco
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, random_states
+from mechanisms import GRAVITY, double_pendulum, random_states, random_tree
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 import multicontact as mc
 import scenes
 from experiments.cli import options
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
 from ident.estimation.sources import in_order
 from ident.geometry import se3
+from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.body import BASE, Body, ball_twist
+from ident.mechanism.dh import Frame, tree_from_mdh
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.recovered_axes import estimate_screw, recover_axes
@@ -27,12 +32,18 @@ from ident.mechanism.tree import Tree
 from ident.model.adjoint import pulled_back
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.person_prior import Person
 from ident.parameters.prior import body_covariance, known_covariances
+from ident.parameters.structure import Sensors
 from ident.recordings.recording import Recording
-from ident.recordings.wrench import total_wrench
+from ident.recordings.smoothing import chosen_cutoff, differences, low_pass
+from ident.recordings.wrench import Wrench, total_wrench
+from ident.regression.ordinary import least_squares
 from ident.trajectory.algebra.banded import WINDOW, Banded
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import basis
+from sim.models.mujoco_model import parameters_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
+from sim.motion.excitation_design import FourierTrajectory, basis
+from sim.simulation.contacts import fall
 from sim.simulation.simulate import simulate, simulate_many
 
 TREE = double_pendulum()
@@ -44,6 +55,8 @@ HINGE = Body("a", BASE, np.eye(4), np.eye(6)[3], "elbow")
 SLIDE = Tree((Body("slide", BASE, np.eye(4), np.eye(6)[0], "rail"),))
 BALL = Tree((Body("arm", BASE, np.eye(4), ball_twist(np.zeros(3)), "shoulder"),))
 STILL = Mechanism(TREE, np.zeros(3))
+ACROSS, SHAPES = double_pendulum((0, 1, 0), (0, 1, 0)), ((5, 2), (4, 2), (5, 2))
+GHOST = '<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>'
 ONE_JOINT = replace(DOUBLE_PENDULUM, offset=[0.0], amplitude=[[1.0]], frequency=[[1.0]], phase=[[0.0]])
 
 
@@ -76,6 +89,222 @@ def indefinite():
 
 def regressor(tree, *states, **given):
     return base_wrench_regressor(tree, *states, gravity=GRAVITY, **given)
+
+
+def body(**change):
+    return Body(**{"name": "arm", "parent": BASE, "home": np.eye(4), "twist": np.zeros(6), **change})
+
+
+def moving(**change):
+    rests = {"T": np.tile(np.eye(4), (3, 1, 1)), "V": np.zeros((3, 6)), "dV": np.zeros((3, 6))}
+    return BaseMotion(**rests | change)
+
+
+def followers(first, second):
+    """A table of two joints that follow others, with a fixed frame between them."""
+    last = Frame("2", "fixed", "prismatic", follows=second)
+    return tree_from_mdh([Frame("1", None, "revolute", follows=first), Frame("fixed", "1", "fixed"), last])
+
+
+def excited(**change):
+    return replace(DOUBLE_PENDULUM, **change)
+
+
+def series(duration=1.0, center=(0.0,), coefficients=((1.0, 2.0),)):
+    return FourierTrajectory(duration, center, coefficients)
+
+
+def in_contact(**contact):
+    """Total wrench of three bodies with a contact on one of them."""
+    touch = Wrench(**{"values": np.zeros((4, 6)), "body": "b1", **contact})
+    return total_wrench(CHAIN, np.zeros((4, len(CHAIN.moving))), Wrench(np.zeros((4, 6)), time=np.arange(4.0)), [touch])
+
+
+def on_ground(**ground):
+    touch = Wrench(**{"values": np.zeros((4, 6)), **ground})
+    return total_wrench(CHAIN, np.zeros((4, len(CHAIN.moving))), touch, [])
+
+
+def streams(*channels, **options):
+    return Recording.from_streams(dict(channels), **options)
+
+
+def compiled(bodies):
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+
+
+def not_finite():
+    model = compiled('<body name="a"><geom size="1"/></body>')
+    model.body_inertia[1, 2] = np.nan
+    return parameters_from_model(model)
+
+
+def tilted(tilt, azimuth=0):
+    return scenes.load("double_pendulum", tilt_deg=tilt, azimuth_deg=azimuth)
+
+
+def falling(seconds, rate=100):
+    return fall(scenes.load("humanoid").compile(), "pelvis", seconds=seconds, rate=rate)
+
+
+def weighed(covariance):
+    wrench = np.zeros((3, 6))
+    return least_squares(Equations.of_wrench(STILL), Samples(Motion(*STATES), wrench, covariance))
+
+
+CLOCK = np.arange(40) / 100
+CHAIN = random_tree(np.random.default_rng(0), 3)
+WELDED = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+RANDOM = np.random.default_rng(0).normal(size=(500, 1))
+WAVE = np.sin(2 * np.pi * 30 * np.arange(1200) / 100)
+SQUARE, ROWS = np.eye(6), r"rows \(k, 6\)"
+REFUSED = [
+    # Bodies, trees and motions of a base.
+    ("'arm'.*rigid home pose", lambda: body(home=np.diag([2.0, 1, 1, 1]))),
+    ("'arm'.*rigid home pose", lambda: body(home=np.full((4, 4), np.nan))),
+    ("'arm'.*4×4", lambda: body(home=np.eye(3))),
+    ("'arm'.*joint twist", lambda: body(twist=np.array([0, 0, 0, 0, 0, 2.0]))),
+    ("'arm'.*joint twist", lambda: body(twist=np.zeros(5))),
+    ("'arm'.*joint twist", lambda: body(twist=np.full(6, np.nan))),
+    (r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and", lambda: BaseMotion.from_free_joint(*np.ones((3, 3, 6)))),
+    (r"T \(N, 4, 4\), V \(N, 6\) and dV \(N, 6\), got V \(2, 6\)", lambda: moving(V=np.zeros((2, 6)))),
+    ("finite", lambda: moving(dV=np.full((3, 6), np.nan))),
+    ("rigid poses", lambda: moving(T=np.zeros((3, 4, 4)))),
+    (r"Row 1 \(frame '1'\) .*out of revolute, prismatic, fixed, got", lambda: tree_from_mdh([Frame("1", None, "x")])),
+    ("Row 2 gives frame '1' a second time", lambda: tree_from_mdh(2 * [Frame("1", None, "fixed")])),
+    (r"Row 1 .*parent from a row before it \(none but", lambda: tree_from_mdh([Frame("1", "2", "fixed")])),
+    (r"before it \(1\), got '9'", lambda: tree_from_mdh([Frame("1", None, "fixed"), Frame("2", "9", "fixed")])),
+    (r"Row 1 .* has follows without a joint", lambda: tree_from_mdh([Frame("1", None, "fixed", follows={"1": 1.0})])),
+    (r"Row 1 .* constant without follows", lambda: tree_from_mdh([Frame("1", None, "revolute", constant=0.3)])),
+    (r"Frame '1' needs to follow joints out of 2, got '1'\.", lambda: followers({"1": 1.0}, {})),
+    (r"Frame '1' needs to follow joints out of 2, got 'fixed'\.", lambda: followers({"fixed": 1.0}, {})),
+    (r"The frames 1, 2 follow each other; one of them needs a", lambda: followers({"2": 1.0}, {"1": 1.0})),
+    ("Joint 'link1'", lambda: recover_axes(TREE, TREE.poses(np.zeros((20, 2))))),
+    (
+        "'link1': The axis is perpendicular",
+        lambda: recover_axes(TREE, ACROSS.poses(np.outer(np.arange(40) / 20, [1, 2]))),
+    ),
+    # Parameters and wrenches.
+    ("zero mass", lambda: com_from_parameters(np.zeros(10))),
+    ("A mechanism needs mass; ghost have none", lambda: parameters_from_model(compiled(GHOST), "ghost")),
+    ("Body 'a' needs a finite mass, centre of mass and inertia", not_finite),
+    ("one of winter, deleva, dumas, got 'vitruvius'", lambda: Person("vitruvius", 70, 1.7, "male")),
+    ("one of female, male, got 'm'", lambda: Person("dumas", 70, 1.7, "m")),
+    ("a height in m, got 70 and 175", lambda: Person("dumas", 70, 175, "male")),
+    ("got 70 and nan", lambda: Person("dumas", 70, np.nan, "male")),
+    ("see no parameter of this mechanism", lambda: find_base_parameters(WELDED, sensors=Sensors(False, True))),
+    ("massless bodies has no parameters", lambda: find_base_parameters(Tree((replace(POINT, massless=True),)))),
+    ("base wrench, joint torques, or both", lambda: Sensors(False, False)),
+    *(
+        (ROWS, partial(Sensors, channels=x))
+        for x in (np.eye(5), np.zeros((1, 6)), SQUARE * np.nan, SQUARE[:0], SQUARE[0])
+    ),
+    (ROWS, lambda: Sensors(False, True, channels=SQUARE)),
+    (r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)", lambda: regressor(TREE, *map(np.zeros, SHAPES))),
+    *(
+        (r"covariance.* (positive definite|symmetric|shape)", partial(weighed, x))
+        for x in (np.zeros((6, 6)), np.triu(np.ones((6, 6))), np.eye(5))
+    ),
+    ("on 'hand', but the mechanism's bodies are b0, b1, b2", lambda: in_contact(body="hand")),
+    ("on 'None', but the mechanism's bodies are b0, b1, b2", lambda: in_contact(body=None)),
+    (r"'b1' needs the pose of its sensor's frame.*got none", lambda: in_contact(pose=None)),
+    (r"frame, \(4, 4\) or \(4, 4, 4\), got \(3, 3\)", lambda: in_contact(pose=np.eye(3))),
+    ("'b1' needs the pose of its sensor's frame", lambda: in_contact(pose=2 * np.eye(4))),
+    ("'b1' needs the pose of its sensor's frame", lambda: in_contact(pose=np.eye(4) * np.nan)),
+    ("'b1' needs 4 samples like the joint states, got 3", lambda: in_contact(values=np.zeros((3, 6)))),
+    (
+        r"'b1' needs wrenches \(N, 6\), each .* throughout, got shape \(4, 5\)",
+        lambda: in_contact(values=np.zeros((4, 5))),
+    ),
+    ("'b1' needs wrenches .* finite or NaN throughout", lambda: in_contact(values=np.where(np.eye(4, 6), np.inf, 0))),
+    ("'b1' needs wrenches .* finite or NaN throughout", lambda: in_contact(values=np.where(np.eye(4, 6), np.nan, 0))),
+    ("'b1' needs all six components; only the ground's", lambda: in_contact(values=np.full((4, 6), np.nan))),
+    (r"'b1' needs a symmetric covariance \(6, 6\), got shape \(3, 3\)", lambda: in_contact(covariance=np.eye(3))),
+    ("'b1' needs a symmetric covariance", lambda: in_contact(covariance=np.triu(np.ones((6, 6))))),
+    ("sample times; they differ by up to 0.5 s, most at sample 2", lambda: in_contact(time=np.array([0, 1, 2.5, 3]))),
+    ("'b1' needs the other wrenches' sample times", lambda: in_contact(time=np.full(4, np.nan))),
+    (r"'b1' needs 4 sample times, got shape \(9,\)", lambda: in_contact(time=np.arange(9.0))),
+    ("'b1' needs a frame out of body, world, for the ground 'body', got 'lab'", lambda: in_contact(frame="lab")),
+    (r"4 joint states need ground wrenches \(4, 6\), got \(3, 6\)", lambda: on_ground(values=np.zeros((3, 6)))),
+    (r"ground wrench needs 4 sample times, got shape \(3,\)", lambda: on_ground(time=np.arange(3.0))),
+    ("ground wrench needs a frame out of body, world, for the ground 'body'", lambda: on_ground(frame="world")),
+    (r"ground wrench needs a symmetric covariance \(6, 6\), got", lambda: on_ground(covariance=np.eye(3))),
+    # Recordings and signals.
+    (
+        r"times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)",
+        lambda: streams(("a", (CLOCK, CLOCK[1:]))),
+    ),
+    ("stream 'a' needs times", lambda: streams(("a", (CLOCK[:0], CLOCK[:0])))),
+    ("stream 'a' needs a pair of times and values", lambda: streams(("a", CLOCK))),
+    ("stream 'a' needs a pair of times and values", lambda: streams(("a", (CLOCK, ["x"] * 40)))),
+    ("times of the stream 'a' must increase; sample 1 does not", lambda: streams(("a", (CLOCK[::-1], CLOCK)))),
+    (
+        "times of the stream 'a' need finite numbers",
+        lambda: streams(("a", (np.where(CLOCK > 0.2, np.nan, CLOCK), CLOCK))),
+    ),
+    (
+        "stream 'a' needs numbers, NaN for a missing",
+        lambda: streams(("a", (CLOCK, np.where(CLOCK > 0.2, np.inf, CLOCK)))),
+    ),
+    (r"rigid poses \(N, 16\), .* got shape \(40, 3\)", lambda: streams(("base:pose", (CLOCK, np.ones((40, 3)))))),
+    ("needs rigid poses", lambda: streams(("base:pose", (CLOCK, np.ones((40, 16)))))),
+    ("Streams without joint positions need a rate", lambda: streams(("a", (CLOCK, CLOCK)))),
+    (r"need a positive rate in Hz .*, got -1\.0", lambda: streams(("a", (CLOCK, CLOCK)), rate=-1.0)),
+    ("Streams need samples", lambda: streams(("a", (CLOCK, CLOCK * np.nan)), rate=10.0)),
+    (
+        "that all of them cover; 'b' begins at 1 s",
+        lambda: streams(("a_position", (CLOCK, CLOCK)), ("b", (CLOCK + 1, CLOCK))),
+    ),
+    ("must increase; sample 2 does not", lambda: Recording([0.0, 1, 1], {})),
+    ("'time' needs finite numbers; sample 1 is nan", lambda: Recording([0.0, np.nan], {})),
+    ("'time' needs N > 0 samples", lambda: Recording([[0.0, 1]], {})),
+    (r"'a' needs 2 samples along its first axis, got shape \(3,\)", lambda: Recording([0.0, 1], {"a": [1.0, 2, 3]})),
+    ("'a' needs finite numbers; sample 1 is inf", lambda: Recording([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]})),
+    ("'a' needs finite numbers; sample 0 is nan", lambda: Recording([0.0, 1], {"a": [[1.0, np.nan], [3, 4]]})),
+    ("times need finite numbers", lambda: Recording([np.nan, np.nan], {})),
+    ("at least 50 samples, got 40", lambda: chosen_cutoff(np.zeros((40, 2)), 100.0)),
+    ("a column that moves below 10 Hz", lambda: chosen_cutoff(np.ones((100, 2)), 100.0)),
+    ("a column that moves below 10 Hz", lambda: chosen_cutoff(WAVE, 100.0)),
+    ("not noise alone; state a cut-off", lambda: chosen_cutoff(RANDOM, 100.0)),
+    ("from 0.001 Hz to below half the rate, 50 Hz, got 50 Hz", lambda: low_pass(WAVE, 100.0, 50.0)),
+    ("from 0.001 Hz to below half the rate, 50 Hz, got 1e-09 Hz", lambda: low_pass(WAVE, 100.0, 1e-9)),
+    ("got 0 Hz", lambda: low_pass(WAVE, 100.0, 0.0)),
+    ("got nan Hz", lambda: low_pass(WAVE, 100.0, np.nan)),
+    ("more than 9 samples, got 9", lambda: low_pass(WAVE[:9], 100.0, 3.0)),
+    ("at least 5 samples, got 4", lambda: differences(WAVE[:4], 100.0)),
+    # Scenes, excitations and simulations.
+    *(("from 0° to below 90°", partial(tilted, *x)) for x in ((-1,), (90,), (np.nan,), (5, np.inf))),
+    ("at least one sample, got 0 s at 100 Hz", lambda: falling(0)),
+    ("at least one sample, got inf s at 100 Hz", lambda: falling(np.inf)),
+    (r"timestep of 0.001 s must divide 0.0033\d* s", lambda: falling(1, 300)),
+    (r"timestep of 0.001 s must divide 0.0005 s", lambda: falling(1, 2000)),
+    ("needs 1 to 1000000 samples, got 0", lambda: simulated(samples=0)),
+    ("from 0 to 1000, got -1", lambda: simulated(noise_scale=-1)),
+    ("from 0 to 1000, got nan", lambda: simulated(noise_scale=np.nan)),
+    (r"shapes \(1,\), \(2, 2\)", lambda: excited(offset=[0.0])),
+    (r"and \(2, 1\)", lambda: excited(phase=[[0.0], [0.0]])),
+    ("positive frequencies", lambda: excited(frequency=[[0.0, 1], [1, 1]])),
+    ("zero or more, got -1.0", lambda: excited(noise=-1.0)),
+    ("zero or more", lambda: excited(noise=np.nan)),
+    (r"got shapes \(1, 2\), \(1, 1\) and \(1, 3\)", lambda: Trapezoids([[0, 1]], [[1]], [[0, 1, 2]])),
+    ("goals", lambda: Trapezoids([[0, 1]], [[1, 1]], [[0, 1]])),
+    ("finite numbers", lambda: Trapezoids([[0, 1]], [[1, np.nan]], [[0, 1, 2]])),
+    ("to end before the next one", lambda: Trapezoids([[0, 1]], [[1.5, 1]], [[0, 1, 2]])),
+    ("take some time", lambda: Trapezoids([[0, 1]], [[0, 1]], [[0, 1, 2]])),
+    (r"shapes \(1,\) and \(1, 3\)", lambda: series(coefficients=[[1.0, 2, 3]])),
+    (r"shapes \(1,\) and \(2, 0\)", lambda: series(coefficients=[[], []])),
+    (r"shapes \(2,\) and \(1, 2\)", lambda: series(center=[0.0, 1])),
+    ("finite numbers", lambda: series(center=[np.nan])),
+    ("positive duration, got 0.0 s", lambda: series(0.0)),
+    ("positive duration", lambda: series(np.inf)),
+]
+
+
+@pytest.mark.parametrize(("message", "call"), REFUSED, ids=[message for message, _ in REFUSED])
+def test_bad_input_is_one_sentence(message, call):
+    with pytest.raises(mc.InputError, match=message) as error:
+        call()
+    assert "\n" not in str(error.value).partition("got [[")[0]
 
 
 WRONG = {

@@ -120,12 +120,6 @@ def test_a_moving_base_is_a_free_joint_seen_from_the_body():
     np.testing.assert_allclose(coAd(base.T) @ computed, expected, atol=1e-12 * abs(expected).max())
 
 
-def test_states_of_different_shapes_are_refused():
-    tree = double_pendulum()
-    with pytest.raises(ValueError, match=r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)"):
-        base_wrench_regressor(tree, np.zeros((5, 2)), np.zeros((4, 2)), np.zeros((5, 2)), gravity=[0, 0, -1])
-
-
 @pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])
 def test_they_are_those_of_the_regressors(moving, samples):
     rng = np.random.default_rng(samples)

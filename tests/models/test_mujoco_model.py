@@ -180,18 +180,3 @@ def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
     assert (abs(pulls).max(axis=1) > 0.1).all()
     apart = abs(wrench - readings).max(axis=1) / abs(wrench).max(axis=1)
     assert (apart < 1e-10).all() if equality in INSIDE else (apart > 0.01).all()
-
-
-def test_a_mechanism_without_mass_is_refused():
-    light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
-    with pytest.raises(ModelError, match="A mechanism needs mass; ghost have none"):
-        parameters_from_model(light, "ghost")
-
-
-def test_bodies_with_numbers_that_are_not_finite_are_named():
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
-    )
-    model.body_inertia[1, 2] = np.nan
-    with pytest.raises(ModelError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
-        parameters_from_model(model)

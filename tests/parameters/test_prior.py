@@ -155,20 +155,6 @@ def test_what_cannot_be_known_is_asked_for(placed, message):
         with_person(leg(), Person("dumas", 80, 1.8, "male"), placed)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (("vitruvius", 70, 1.7, "male"), "one of winter, deleva, dumas, got 'vitruvius'"),
-        (("dumas", 70, 1.7, "m"), "one of female, male, got 'm'"),
-        (("dumas", 70, 175, "male"), "a height in m, got 70 and 175"),
-        (("dumas", 70, float("nan"), "male"), "got 70 and nan"),
-    ],
-)
-def test_a_person_has_a_table_a_mass_a_height_and_a_sex(given, message):
-    with pytest.raises(InputError, match=message):
-        Person(*given)
-
-
 def test_a_segment_does_not_depend_on_the_axes_of_its_body():
     arm, turn = leg(), se3.exp(np.array([0, 0, 0, 0.6, 0.64, 0.48]), 0.7)
     back, bodies = se3.inverse(turn), list(arm.tree.bodies)

@@ -39,30 +39,6 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
 
 
-@pytest.mark.parametrize(
-    ("streams", "options", "message"),
-    [
-        ({"a": (T, T[1:])}, {}, r"needs times \(N,\) and values \(N,\) or \(N, d\), got \(40,\) and \(39,\)"),
-        ({"a": (T[:0], T[:0])}, {}, "stream 'a' needs times"),
-        ({"a": T}, {}, "stream 'a' needs a pair of times and values"),
-        ({"a": (T, ["x"] * N)}, {}, "stream 'a' needs a pair of times and values"),
-        ({"a": (T[::-1], T)}, {}, "times of the stream 'a' must increase; sample 1 does not"),
-        ({"a": (np.where(T > 0.2, np.nan, T), T)}, {}, "times of the stream 'a' need finite numbers"),
-        ({"a": (T, np.where(T > 0.2, np.inf, T))}, {}, "stream 'a' needs numbers, NaN for a missing one"),
-        ({"base:pose": (T, slow(T))}, {}, r"stream 'base:pose' needs rigid poses \(N, 16\), .* got shape \(40, 3\)"),
-        ({"base:pose": (T, np.ones((N, 16)))}, {}, "needs rigid poses"),
-        ({"a": (T, T)}, {}, "Streams without joint positions need a rate"),
-        ({"a": (T, T)}, {"rate": -1.0}, r"need a positive rate in Hz .*, got -1\.0"),
-        ({"a": (T, T * np.nan)}, {"rate": 10.0}, "Streams need samples"),
-        ({"a_position": (T, T), "b": (T + 1, T)}, {}, r"Streams need a time that all of them cover; 'b' begins at 1 s"),
-    ],
-)
-def test_bad_streams_are_one_sentence(streams, options, message):
-    with pytest.raises(LogError, match=message) as error:
-        ident.Recording.from_streams(streams, **options)
-    assert "\n" not in str(error.value)
-
-
 def test_streams_beside_each_other_have_the_times_of_all():
     one, two = Sampled(T[::2], T[::2]), Sampled(T[1:4], slow(T[1:4]))
     time, values = side_by_side([one, two])

@@ -118,23 +118,6 @@ def test_missing_channels_are_named_with_those_there_are():
 
 
 @pytest.mark.parametrize(
-    ("time", "channels", "message"),
-    [
-        ([0.0, 1, 1], {}, "must increase; sample 2 does not"),
-        ([0.0, np.nan], {}, "'time' needs finite numbers; sample 1 is nan"),
-        ([[0.0, 1]], {}, "'time' needs N > 0 samples"),
-        ([0.0, 1], {"a": [1.0, 2, 3]}, r"'a' needs 2 samples along its first axis, got shape \(3,\)"),
-        ([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]}, "'a' needs finite numbers; sample 1 is inf"),
-        ([0.0, 1], {"a": [[1.0, np.nan], [3, 4]]}, "'a' needs finite numbers; sample 0 is nan"),
-        ([np.nan, np.nan], {}, "times need finite numbers"),
-    ],
-)
-def test_bad_channels_are_refused(time, channels, message):
-    with pytest.raises(LogError, match=message):
-        Recording(time, channels)
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("a,b\n1,2\n", "needs a column 'time'; the file has a, b"),
