@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from written_formats import write_csv
 
 import ident
 import sim
@@ -44,9 +45,7 @@ def write_log(folder, *, scale=1.0):
     columns = {"time": time}
     for k, joint in enumerate(driven_arm.JOINTS):
         columns |= {f"q{k}": channels[f"{joint}_position"], f"u{k}": scale * channels[f"{joint}_command"]}
-    path = folder / "log.csv"
-    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-    return path
+    return write_csv(folder / "log.csv", columns)
 
 
 def read(folder, mapping=MAPPING, *, arm=None, scale=1.0):

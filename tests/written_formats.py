@@ -3,15 +3,16 @@
 import gzip
 
 import numpy as np
+from malformed_logs import text
 from marked import trc
 
 DEG = 180 / np.pi
 
 
 def write_csv(path, columns, delimiter=","):
-    rows = [delimiter.join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
-    content = "\n".join([delimiter.join(columns), *rows, ""])
-    path.write_bytes(gzip.compress(content.encode()) if path.suffix == ".gz" else content.encode())
+    content = text(columns, delimiter).encode()
+    path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
+    return path
 
 
 def write_mot(path, columns, degrees="yes"):

@@ -19,22 +19,11 @@ def columns():
 
 
 class Frame:
-    """As much of a data frame as is needed."""
+    """As much of a data frame as is needed; it is its own index."""
 
     def __init__(self, columns, index, name):
-        self._columns, self._index, self._name = columns, index, name
-
-    @property
-    def columns(self):
-        return list(self._columns)
-
-    @property
-    def index(self):
-        return self
-
-    @property
-    def name(self):
-        return self._name
+        self.columns, self.index, self.name = list(columns), self, name
+        self._columns, self._index = columns, index
 
     def __array__(self, dtype=None, copy=None):
         return np.asarray(self._index)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import walker
 from scipy.spatial.transform import Rotation
+from written_formats import write_csv
 
 import ident
 import sim
@@ -330,8 +331,7 @@ def logged(path, places):
     for name, z in zip("ab", places, strict=False):
         values = {"v": (0, 100, 0), "p": (0.01, 0, z), "m": (0, 0.5, 0)}
         columns |= {f"{name}_{kind}{axis}": t * 0 + x for kind, xs in values.items() for axis, x in zip("xyz", xs)}  # noqa: B905
-    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-    return path
+    return write_csv(path, columns)
 
 
 def test_plates_are_under_the_feet_that_the_file_names(tmp_path):
