@@ -5,6 +5,7 @@ from functools import cache
 import driven_arm
 import mujoco
 import numpy as np
+from mechanisms import by_joint
 
 import ident
 import sim
@@ -82,8 +83,7 @@ def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0, pace=1.0):
     torque = torques(q, dq, ddq) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
     torque += noise * 0.02 * rng.normal(size=q.shape)
     q = q + noise * 1e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)}
+    channels = by_joint(JOINTS, position=q, torque=torque)
     return ident.Recording(t / pace, channels)
 
 

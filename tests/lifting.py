@@ -1,7 +1,4 @@
-"""A person who lifts a box of known mass in the sagittal plane: six joints, markers on skin, a delayed plate.
-
-Both legs move alike, and both arms: limbs have twice the inertial parameters of the table's segments.
-"""
+"""A person who lifts a box of known mass in the sagittal plane: six joints, markers on skin, a delayed plate."""
 
 from dataclasses import replace
 from functools import cache

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from mechanisms import by_joint
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -17,8 +18,8 @@ TRUTH = ident.find_base_parameters(PENDULUM).regroup(PENDULUM.known)
 
 
 def angles_and_wrench(time, q, wrench, **faults):
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **faults)
+    wrench = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
+    return ident.Recording(time, by_joint(JOINTS, position=q) | wrench, **faults)
 
 
 def leaning(spans, force, body="link2", point=(0, 0, 0.1), **faults):
@@ -81,5 +82,4 @@ def with_torques(seed=0, *, pull=0.0, wrench=True):
     carried = wrench_of(recording) - np.hstack([force, np.cross(at, force)])
     whole = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), carried)
     kept = {name: x for name, x in whole.measured.items() if wrench or not name.startswith("ground")}
-    felt = {f"{joint}_torque": x for joint, x in zip(JOINTS, torques.T, strict=True)}
-    return ident.Recording(recording.time, kept | felt)
+    return ident.Recording(recording.time, kept | by_joint(JOINTS, torque=torques))

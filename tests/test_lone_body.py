@@ -170,10 +170,7 @@ DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "tools"
 @pytest.mark.skipif(not DATA.is_dir(), reason="MULTICONTACT_DATA has no folder of tools")
 @pytest.mark.parametrize("name", ["box_wrench", "pliers"])
 def test_workshop_tools_of_others(name):
-    """A tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022.
-
-    Accelerations count against gravity in these wrenches as if the poses' z axis pointed down.
-    """
+    """A tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022, with z down."""
     rng, table = np.random.default_rng(0), np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True)
     x = {key: table[key] for key in table.dtype.names}
     x |= {key: x[key] + 1e-4 * rng.normal(size=len(table)) for key in ("x", "y", "z")}

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import by_joint
 
 import ident
 import scenes
@@ -148,8 +149,7 @@ def loaded_columns(payload, seed=0, seconds=8.0, rate=100.0):
         torque[k] = data.qfrc_inverse
     torque += COULOMB * np.tanh(dq / 0.003) + TORQUE_NOISE * rng.normal(size=q.shape)
     q += 1e-4 * rng.normal(size=q.shape)
-    out = {"time": t} | {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return out | {f"{joint}_torque": x for joint, x in zip(JOINTS, STATED * torque.T, strict=True)}
+    return {"time": t} | by_joint(JOINTS, position=q, torque=(STATED * torque.T).T)
 
 
 def loaded_mapping(**known):

@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from commands import sentence_of
+from mechanisms import by_joint
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -86,8 +88,7 @@ def recorded(seed=0, seconds=6.0, displaced=0.0, zeros=0.0, noise=NOISE):
     orientations = orientations * Rotation.from_rotvec(noise[1] * rng.normal(size=positions.shape))
     q = states[0] + off + 2e-4 * rng.normal(size=states[0].shape)
     torques = torques + 0.025 * np.array([3, 4, 2, 0.4, 0.4]) * rng.normal(size=torques.shape)
-    measured = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    measured |= {f"{joint}_torque": x for joint, x in zip(JOINTS, torques.T, strict=True)}
+    measured = by_joint(JOINTS, position=q, torque=torques)
     measured |= {"flange_position": positions, "flange_orientation": orientations.as_quat(scalar_first=True)}
     return ident.Recording(time, measured, trackers={"flange": Tracker("b4")}), shifts, off
 
@@ -246,9 +247,8 @@ def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
 )
 def test_what_is_wrong_in_an_entry_is_one_sentence(entry, message):
     entry = entry if isinstance(entry, str) else {"body": "b4", **entry}
-    with pytest.raises(ident.InputError) as error:
-        ident.read_log(columns()[1] | {"more": np.full(100, 2.0)}, mechanism(), {"tracked": {"flange": entry}})
-    assert message in str(error.value) and "\n" not in str(error.value)
+    given = columns()[1] | {"more": np.full(100, 2.0)}
+    assert message in sentence_of(ident.read_log, given, mechanism(), {"tracked": {"flange": entry}})
 
 
 def test_recordings_in_python_are_checked_too():
@@ -259,8 +259,6 @@ def test_recordings_in_python_are_checked_too():
         ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
         ({"measured": {**recording.measured, "flange_orientation": 2 * quaternion}}, "'flange_orientation' needs"),
     ):
-        with pytest.raises(ident.InputError) as error:
-            identified(replace(recording, **given))
-        assert message in str(error.value)
+        assert message in sentence_of(identified, replace(recording, **given))
     with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
         identified([recording, replace(recorded(1)[0], trackers={})])

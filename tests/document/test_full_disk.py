@@ -1,7 +1,4 @@
-"""A full disk: one sentence, earlier results intact, nothing half-written, and a later run succeeds.
-
-The system itself rejects the writes: files have a size limit, or a file is a link to a full device.
-"""
+"""A full disk: one sentence, earlier results intact, nothing half-written, and a later run succeeds."""
 
 import sys
 from contextlib import contextmanager

@@ -136,11 +136,7 @@ def states(rng, model, samples=2):
 
 
 def by_mujoco(model, qpos, qvel, qacc):
-    """Generalised forces of `mj_inverse`, and the mask of those whose friction has its full size (N, nv).
-
-    MuJoCo's friction is a soft constraint with force `-(q̈ + b q̇) / R`, limited to the friction, with b and R from
-    `solref` and `solimp`: it is full where |q̈ + b q̇| is more than R times the friction. Here b is 105 1/s.
-    """
+    """Forces of `mj_inverse`, and where friction, a soft constraint -(q̈ + b q̇)/R, b = 105 1/s, is full (N, nv)."""
     data, forces, full = mujoco.MjData(model), np.empty_like(qvel), np.empty(qvel.shape, bool)
     for k in range(len(qpos)):
         data.qpos, data.qvel, data.qacc = qpos[k], qvel[k], qacc[k]

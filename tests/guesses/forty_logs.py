@@ -102,19 +102,7 @@ PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A log with its true mapping.
-
-    Attributes:
-        tool: Driver or tool with these column names.
-        about: Special features.
-        columns: Columns of numbers or words by name (N,).
-        mechanism: The recorded mechanism.
-        truth: Column of each quantity as `JOINT.KIND`, with the factor to SI; None without a column.
-        wrenches: Columns of each wrench, forces first, and the body that it acts on; None for the ground.
-        asked: True if something is open that only its owner knows.
-        between: Separator of columns; `mat` for a MATLAB file.
-        header: True if it has a row of names.
-    """
+    """A log of a tool; `truth` has the column of each `JOINT.KIND` and its factor to SI, `asked` if some is open."""
 
     tool: str
     about: str
@@ -142,17 +130,7 @@ def series(pattern, x):
 
 
 def columns_of(robot, *patterns, first=0, order=None, labels=None, clock=PLAIN, scale=(1.0, 1.0, 1.0)):
-    """Columns of positions, velocities and torques, and their true mapping.
-
-    Args:
-        robot: The robot.
-        patterns: Names of the columns; "" for no columns.
-        first: First number, one for all or for each quantity.
-        order: Joints in the order of the columns, by default from the base on.
-        labels: What names have in place of numbers, from the base on.
-        clock: Name, factor and start of the column of times.
-        scale: Factors from SI units to those of the columns, a number or one for each joint.
-    """
+    """Columns of positions, velocities and torques named by patterns, `scale` times SI units, and their mapping."""
     name, factor, start = clock
     columns, truth, order = {name: factor * (robot.time + start)}, {}, list(order or range(len(robot.joints)))
     firsts = first if isinstance(first, Sequence) else (first,) * 3

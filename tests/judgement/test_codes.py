@@ -232,9 +232,8 @@ def test_more_than_four_names_are_counted(code):
     """But for those of a command, which is to be copied, and those whose columns are to be mended."""
     most = 8 if code in ("torque_sign", "mirrored_components") else 4
     for values in EXAMPLES[code]:
-        text = Finding(
-            code, {key: nine(value) if key != "fixed_by" else value for key, value in values.items()}, False
-        ).text
+        many = {key: nine(value) if key != "fixed_by" else value for key, value in values.items()}
+        text = Finding(code, many, False).text
         names = set(re.findall(r"part\d", re.sub(r"--leave-out [^.;]*|--drive [^.;]*", "", text)))
         assert len(names) <= most and (most == 4 or "part7 and 1 other" in text), text
 

@@ -237,9 +237,8 @@ def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, 
     result = SimpleNamespace(disagreement=None, disagreements=(0.5, z, 0.7), in_logs=())
     findings = list(halves_findings(result))
     assert [finding.doubt for finding in findings] == doubts
-    assert all(
-        each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,), "best": ()} for each in findings
-    )
+    values = {"logs": (2,), "rms_z": (z,), "best": ()}
+    assert all(each.code == "logs_disagree" and each.values == values for each in findings)
 
 
 def in_log(own, other):

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import by_joint
 
 import ident
 import scenes
@@ -44,8 +45,7 @@ def recorded(torques, noise=0.03, seconds=10.0):
     )
     torque = torques(moved - held, held, q, dq) + noise * rng.normal(size=q.shape)
     q = q + 2e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(JOINTS, torque.T, strict=True)})
+    return ident.Recording(t, by_joint(JOINTS, position=q, torque=torque))
 
 
 def rubs(dq):

@@ -17,12 +17,8 @@ from ident.judgement.verdict import Outcome, Verdict, decided
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
     """The pendulum in a motion of six sines, with noise (rad, N) and a drag along y that no model has (N s²)."""
     rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
-    w, a, phase = (
-        2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)),
-        size * rng.uniform(0.1, 0.5, (2, 3)),
-        rng.uniform(0, 6, (2, 3)),
-    )
-    at = time[:, None, None] * w + phase
+    w, a = 2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)), size * rng.uniform(0.1, 0.5, (2, 3))
+    at = time[:, None, None] * w + rng.uniform(0, 6, (2, 3))
     q, dq, ddq = ((a * x).sum(axis=2) for x in (np.sin(at), w * np.cos(at), -w * w * np.sin(at)))
     wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
     wrench[:, 1] += drag * dq[:, 0] * np.abs(dq[:, 0])
@@ -38,9 +34,8 @@ def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
 
 
 def test_a_wrong_model_s_residuals_do():
-    estimate = ident.identify(
-        PENDULUM, sines(1, seconds=20, size=1, drag=10.0), held_out=sines(1001, 20, size=1, drag=10)
-    )
+    recording, other = (sines(seed, seconds=20, size=1, drag=10.0) for seed in (1, 1001))
+    estimate = ident.identify(PENDULUM, recording, held_out=other)
     (finding,) = coded(estimate, "residual_follows_motion")
     assert finding.doubt and "Fy" in finding.place.channels
 
@@ -74,10 +69,8 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     assert [channel for channel, (own, other) in pairs if own > NOTABLY * other] == ["Fy", "Fz", "Mx"]
     other = with_ratios(estimate, model=[0.5, 0.9, 0.6, 1, 1], squares=[1, 1, 1, 0.6, 1])
     doubt = other.verdict().worse
-    assert {name: set(pairs) for name, pairs in doubt.values["worse"].items()} == {
-        "least squares": {"My"},
-        "model": {"Fy", "Mx"},
-    }
+    worse = {name: set(pairs) for name, pairs in doubt.values["worse"].items()}
+    assert worse == {"least squares": {"My"}, "model": {"Fy", "Mx"}}
     assert doubt.values["take"] == "model"
 
 
