@@ -122,12 +122,8 @@ def places(picture, shape, attribute):
 
 @pytest.mark.parametrize(("most", "ticks"), [(0.9, ["0.01", "0.1", "1"]), (2.0, ["0.01", "0.1", "1", "10"])])
 def test_a_ring_is_around_the_best_candidate_of_each_channel(most, ticks):
-    ratios = {
-        "estimate": np.array([0.1, 0.2]),
-        "least squares": np.array([0.05, np.nan]),
-        "model": np.array([most, 0.3]),
-    }
-    drawn = pictures.candidates(["Fx", "Fy"], ratios)
+    ratios = {"estimate": [0.1, 0.2], "least squares": [0.05, np.nan], "model": [most, 0.3]}
+    drawn = pictures.candidates(["Fx", "Fy"], {name: np.array(each) for name, each in ratios.items()})
     dots, rings = (places(drawn, shape, "cx") for shape in ("mark0", "best"))
     decades = len(ticks) - 1
     at = [100 + 252 * np.log10(ratio / 0.01) / decades for ratio in (0.1, 0.2)]

@@ -87,14 +87,8 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert table.groups() == [("arm", "kg, N m", [0, 2]), ("hand", "kg m, N m", [1, 3])]
     page = read(table, tmp_path)
     assert [text for _, text in page.rows[0]] == ["parameter", "estimate", "regrouping"]
-    assert [row[0][1] for row in page.rows[1:]] == [
-        "arm kg, N m",
-        "m1",
-        "Fc(a)",
-        "hand kg m, N m",
-        "m2rz,2",
-        "Fc(b) of log 2",
-    ]
+    names = ["arm kg, N m", "m1", "Fc(a)", "hand kg m, N m", "m2rz,2", "Fc(b) of log 2"]
+    assert [row[0][1] for row in page.rows[1:]] == names
     assert page.rows[2][2][1] == "summ1 + m2" and page.rows[5][2][1] == ""
     full = Table("t", ("body", "quantity", "unit", "x"), (("arm", "mass", "kg", 1.0), ("arm", "centre", "m", 2.0)))
     assert full.groups() == [("arm", "kg, m", [0, 1])]
@@ -139,14 +133,7 @@ EVIL = [
 ]
 TEXTS = st.one_of(st.text("\\{}$&#%_^~|[]*`<>!-ab \n", max_size=12), st.sampled_from(EVIL))
 
-COMMANDS = {
-    "textbackslash": "\\",
-    "textasciitilde": "~",
-    "textasciicircum": "^",
-    "textless": "<",
-    "textgreater": ">",
-    "textbar": "|",
-}
+COMMANDS = dict(zip(("backslash", "asciitilde", "asciicircum", "less", "greater", "bar"), "\\~^<>|", strict=True))
 
 
 def shown_by_tex(source):
@@ -154,7 +141,7 @@ def shown_by_tex(source):
     out, rest = "", source
     while rest:
         if match := re.match(r"\\([&%$#_{}])|\\([a-z]+)\{\}|\{([\[*]?)\}|([^&%$#_{}~^\\])", rest):
-            out += match[1] or (match[2] and COMMANDS[match[2]]) or match[3] or match[4] or ""
+            out += match[1] or (match[2] and COMMANDS[match[2].removeprefix("text")]) or match[3] or match[4] or ""
             rest = rest[match.end() :]
         else:
             raise AssertionError(f"TeX would act on {rest!r}")

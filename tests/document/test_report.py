@@ -235,8 +235,7 @@ def test_only_sums_of_several_parameters_are_marked_and_noted():
     table = Table("t", *columns(parameter=names, x=(1.0, 2.0)), bodies=("a", "b"), regrouped={"": sums})
     assert table.remarks() == [("†", "Regrouped sums: m1 + m2.")]
     assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
-    none = {"": names}
-    assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped=none).remarks()
+    assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped={"": names}).remarks()
 
 
 def shown(text):
@@ -290,8 +289,5 @@ def test_doubts_stand_below_the_verdict_that_counts_them():
         findings=[Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)],
         lines=["36 of 159."],
     ).text()
-    assert shown.splitlines()[-3:] == [
-        "Not usable as it is: one finding below speaks against it.",
-        "  ! Logs disagree.",
-        "36 of 159.",
-    ]
+    verdict = "Not usable as it is: one finding below speaks against it."
+    assert shown.splitlines()[-3:] == [verdict, "  ! Logs disagree.", "36 of 159."]

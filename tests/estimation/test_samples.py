@@ -8,6 +8,7 @@ from itertools import pairwise
 import driven_arm
 import numpy as np
 import pytest
+from commands import sentence_of
 from fits import fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
@@ -33,9 +34,7 @@ def with_arrays(**changed):
 
 
 def refusal(*source):
-    with pytest.raises(ValueError) as caught:
-        fitted(TREE, iter(source), gravity=GRAVITY)
-    return str(caught.value)
+    return sentence_of(fitted, TREE, iter(source), gravity=GRAVITY)
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 90, 200])
@@ -147,10 +146,8 @@ def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
     """With Fx flat in the first half 5.9 Hz were chosen for 3.0 Hz, with twice the residuals."""
     logs = [prepared(PENDULUM, flattened(slice(0, 400), *channels)) for channels in ((), (0,))]
     equations = logs[0].equations.with_offsets(logs[0].equations.sensed)
-    every = [
-        filtered_least_squares([Part(log, slice(0, 560))], [Part(log, slice(560, 913))], equations, NOTHING)
-        for log in logs
-    ]
+    parts = ([Part(log, slice(0, 560))] for log in logs), ([Part(log, slice(560, 913))] for log in logs)
+    every = [filtered_least_squares(*each, equations, NOTHING) for each in zip(*parts, strict=True)]
     assert every[1].cutoffs == every[0].cutoffs
     np.testing.assert_allclose(every[1].values[0][1:13], every[0].values[0][1:13], rtol=0.2, atol=0.05)
 

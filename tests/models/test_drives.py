@@ -191,9 +191,8 @@ def test_forces_of_coordinates_that_are_left_out_are_noted(tmp_path):
     limit = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
     with pytest.warns(ModelNote, match="The forces stop begin inside their coordinates' ranges"):
         leg(tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=60, lower_limit=-90, **limit))
-    assert not leg(
-        tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=86, lower_limit=-86, **limit)
-    ).drives
+    beyond = force("CoordinateLimitForce", "stop", "hip", upper_limit=86, lower_limit=-86, **limit)
+    assert not leg(tmp_path, beyond).drives
 
 
 @pytest.mark.parametrize(

@@ -10,19 +10,13 @@ from sim.models.mujoco_model import gravity_in_base, mechanism_bodies, parameter
 from sim.models.notes import ModelNote
 
 
-def xml(body, before="", after=""):
-    return (
-        f'<mujoco><compiler angle="radian"/><worldbody>{before}<body name="base">'
-        f'<geom size=".1"/>{body}</body></worldbody>{after}</mujoco>'
-    )
-
-
 def world(bodies):
     return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
 
 
 def model(body, before="", after=""):
-    return mujoco.MjModel.from_xml_string(xml(body, before, after))
+    body = f'{before}<body name="base"><geom size=".1"/>{body}</body></worldbody>{after}'
+    return mujoco.MjModel.from_xml_string(f'<mujoco><compiler angle="radian"/><worldbody>{body}</mujoco>')
 
 
 ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'

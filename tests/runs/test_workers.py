@@ -77,11 +77,6 @@ def run(tmp_path):
     return Checkpoint("runs", tmp_path / "runs.npz", {"seed": 1, "scale": (0.5, 1)})
 
 
-def test_outcomes_are_kept_as_they_came(run):
-    assert run.collect(batches(OUTCOMES), 6) == OUTCOMES
-    assert run.done() == OUTCOMES
-
-
 @pytest.mark.parametrize("error", [ValueError("refused"), KeyboardInterrupt(), MemoryError()])
 def test_whatever_fails_the_outcomes_are_kept(run, capsys, error):
     with pytest.raises(type(error)):

@@ -1,5 +1,7 @@
 """The scenes: bodies, tilts, friction, noise, a humanoid that falls, and contacts against MuJoCo's own forces."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -56,33 +58,7 @@ def test_torques_are_measured_to_a_hundredth_of_the_friction():
 HUMANOID = scenes.load("humanoid").compile()
 TREE, PHI = tree_from_model(HUMANOID, "pelvis"), parameters_from_model(HUMANOID, "pelvis")
 GRAVITY = gravity_in_base(HUMANOID, "pelvis")
-SENSORS = Sensors(moving_base=True)
 FREE = 7, 6, 6  # Entries of the free joint in qpos, qvel and qacc.
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return fall(HUMANOID, "pelvis", seconds=2.5)
-
-
-@pytest.fixture(scope="module")
-def contacts(motion):
-    return [Wrench(wrench, body) for body, wrench in motion.contacts.items()]
-
-
-def joint_states(motion):
-    coordinates, dofs = state_columns(HUMANOID, "pelvis")
-    return motion.qpos[:, coordinates], motion.qvel[:, dofs], motion.qacc[:, dofs]
-
-
-def pelvis(motion):
-    free = (x[:, :size] for x, size in zip((motion.qpos, motion.qvel, motion.qacc), FREE, strict=True))
-    return BaseMotion.from_free_joint(*free)
-
-
-@pytest.fixture(scope="module")
-def Y(motion):
-    return base_wrench_regressor(TREE, *joint_states(motion), gravity=GRAVITY, base=pelvis(motion))
 
 
 def test_left_and_right_are_mirror_images():
@@ -96,8 +72,14 @@ def test_left_and_right_are_mirror_images():
             np.testing.assert_allclose(right.ipos, mirror * left.ipos, atol=1e-12)
 
 
-def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
-    total = total_wrench(TREE, joint_states(motion)[0], None, contacts).values
+def test_contact_wrenches_sum_up_to_the_base_wrench():
+    motion, columns = fall(HUMANOID, "pelvis", seconds=2.5), state_columns(HUMANOID, "pelvis")
+    every = motion.qpos, motion.qvel, motion.qacc
+    states = [x[:, own] for x, own in zip(every, (columns[0], columns[1], columns[1]), strict=True)]
+    base = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(every, FREE, strict=True)))
+    Y = base_wrench_regressor(TREE, *states, gravity=GRAVITY, base=base)
+    contacts = [Wrench(wrench, body) for body, wrench in motion.contacts.items()]
+    total = total_wrench(TREE, states[0], None, contacts).values
     np.testing.assert_allclose(total, Y @ PHI, rtol=0, atol=1e-8)
     assert abs(total[:, :3]).max() > 1000 and abs(total[:, 3:]).max() > 100
 
@@ -106,31 +88,26 @@ def test_structural_rank_is_the_numeric_rank():
     rng = np.random.default_rng(0)
     base = BaseMotion.from_free_joint(*(rng.uniform(-2, 2, size=(100, size)) for size in FREE))
     Y = base_wrench_regressor(TREE, *random_states(rng, TREE, 100), gravity=GRAVITY, base=base)
-    assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=SENSORS).rank == 159
+    assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=Sensors(moving_base=True)).rank == 159
 
 
-UNTOUCHED = scenes.load("double_pendulum").compile()
+CONTACTS = (*scenes.CONTACTS, "pad handle")
 
 
-@pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
-def contact(request):
-    return request.param
-
-
-@pytest.fixture(scope="module")
-def recording(contact):
+@cache
+def recorded(contact):
     return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
 
 
-def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
-    problem = StudyProblem.of(packaged("multicontact", contact=contact))
-    known = problem.known
-    states = recording.joint_states(known.tree.joints)
-    data = mujoco.MjData(UNTOUCHED)
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact):
+    problem, recording = StudyProblem.of(packaged("multicontact", contact=contact)), recorded(contact)
+    states = recording.joint_states(problem.known.tree.joints)
+    data = mujoco.MjData(MODEL)
     expected = np.empty((len(recording.time), 6))
     for k, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
         data.qpos, data.qvel, data.qacc = q, dq, ddq
-        mujoco.mj_inverse(UNTOUCHED, data)
+        mujoco.mj_inverse(MODEL, data)
         expected[k] = data.sensordata[:6]
     total = problem.total(recording).values
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
@@ -139,7 +116,7 @@ def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(cont
 
 @pytest.mark.parametrize("contact", ["pad", "pad handle"])
 def test_the_pad_is_touched_several_times(contact):
-    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    recording = recorded(contact)
     touching = recording["pad_normal_force"] > 0
     assert 0.25 < touching.mean() < 0.8
     assert np.sum(~touching[:-1] & touching[1:]) >= 4
@@ -149,18 +126,17 @@ def test_the_pad_is_touched_several_times(contact):
 
 @pytest.mark.parametrize("contact", ["handle", "pad handle"])
 def test_the_handle_keeps_all_six_components_alive(contact):
-    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
-    force, torque = (recording[f"{scenes.load_cells(contact)['handle']}_{kind}"] for kind in ("force", "torque"))
-    assert (force.std(axis=0) > 10).all()
-    assert (torque.std(axis=0) > 1).all()
+    site = scenes.load_cells(contact)["handle"]
+    force, torque = (recorded(contact)[f"{site}_{kind}"] for kind in ("force", "torque"))
+    assert (force.std(axis=0) > 10).all() and (torque.std(axis=0) > 1).all()
     # A free moment: no single force gives this wrench, because the moment is not normal to the force.
     pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
     assert np.median(pitch) > 0.5
 
 
+@pytest.mark.parametrize("contact", CONTACTS)
 def test_load_cells_agree_with_mujocos_constraint_forces(contact):
-    # A cell reads the link's wrench on it: its motion and weight less the wrench of the surroundings on it, from a
-    # contact or a weld.
+    """A cell reads the link's wrench on it: its motion and weight less the wrench of a contact or a weld on it."""
     model = scenes.load("double_pendulum", contact=contact).compile()
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     tree = tree_from_model(model, "base", beyond=(), ignore=["grip"] * model.nmocap)

@@ -241,9 +241,8 @@ def test_every_joint_of_the_model_needs_a_command():
     without = ident.Recording(log.time, log.measured, servos={"turn": log.servos["turn"]})
     with pytest.raises(InputError, match="needs a command of every joint; lift, bend have none"):
         rolled_out(mechanism(), without)
-    text = driven_arm.text().replace(
-        "<worldbody>", '<worldbody><body name="crate"><freejoint name="loose"/><geom size="1"/></body>'
-    )
+    crate = '<worldbody><body name="crate"><freejoint name="loose"/><geom size="1"/></body>'
+    text = driven_arm.text().replace("<worldbody>", crate)
     arm = sim.mechanism(mujoco.MjSpec.from_string(text), "column")
     with pytest.raises(InputError, match=r"of every joint of the model; .*loose"):
         rolled_out(arm, log)
