@@ -5,7 +5,8 @@ from functools import cache
 import driven_arm
 import mujoco
 import numpy as np
-from mechanisms import by_joint
+from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 import ident
 import sim
@@ -55,23 +56,14 @@ def motion(rng, seconds=12.0, rate=100.0, size=1.0):
     t = np.arange(round(seconds * rate)) / rate
     pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
     amplitude, phase = size * rng.uniform(0.08, 0.3, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q, dq, ddq = (
-        (amplitude * pulsation**k * wave(angle)).sum(axis=2)
-        for k, wave in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
-    )
-    return t, q, dq, ddq
+    return t, *sines(t, amplitude, pulsation, phase)
 
 
 def torques(q, dq, ddq, **drives):
     """Torques of the arm by MuJoCo, without Coulomb friction, and with other drives by attribute (N, 3)."""
     # MuJoCo's own friction is another law at low velocity.
     model = mujoco.MjModel.from_xml_string(text(**drives | {"frictionloss": (0, 0, 0)}))
-    data, out = mujoco.MjData(model), []
-    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
-        mujoco.mj_inverse(model, data)
-        out.append(data.qfrc_inverse.copy())
-    return np.array(out)
+    return inverse_dynamics(model, q, dq, ddq)[0]
 
 
 @cache
@@ -97,7 +89,7 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
     t = np.arange(count + lag) / rate
     pulsation = 2 * np.pi * 0.25 * np.arange(1, 6)
     amplitude, phase = rng.uniform(0.08, 0.25, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
-    u = (amplitude * np.sin(pulsation * t[:, None, None] + phase)).sum(axis=2)
+    u, *_ = sines(t, amplitude, pulsation, phase)
     u = u[lag:], u[: len(u) - lag]
     data.qpos[:], positions = u[1][0], []
     for logged, acting in zip(*u, strict=True):
@@ -106,9 +98,7 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
         mujoco.mj_step(model, data, per)
     commands, q = (np.array(x) for x in zip(*positions, strict=True))
     q += noise * 1e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_command": x for joint, x in zip(JOINTS, commands.T, strict=True)}
-    return np.arange(count) / rate, channels
+    return np.arange(count) / rate, by_joint(JOINTS, position=q, command=commands)
 
 
 @cache

@@ -112,3 +112,9 @@ def unhat(matrix):
 def by_joint(joints, **kinds):
     """Channels of joints from an array (N, n) for each kind."""
     return {f"{joint}_{kind}": x for kind, every in kinds.items() for joint, x in zip(joints, every.T, strict=True)}
+
+
+def sines(time, size, rate, phase):
+    """Sums over the last axis of sines at times (N,), and their first and second derivatives, (N, …) each."""
+    angle = time.reshape(-1, *np.ndim(size) * (1,)) * rate + phase
+    return tuple((size * x).sum(axis=-1) for x in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)))

@@ -72,11 +72,8 @@ class Joint:
         )
 
     def version_3(self):
-        ends = zip(
-            ("location_in_parent", "orientation_in_parent", "location", "orientation"),
-            (*self.at, *self.on),
-            strict=True,
-        )
+        tags = ("location_in_parent", "orientation_in_parent", "location", "orientation")
+        ends = zip(tags, (*self.at, *self.on), strict=True)
         return (
             f'<Joint><{self.kind} name="{self.name}"><parent_body>{self.parent}</parent_body>'
             + "".join(f"<{tag}>{words(x)}</{tag}>" for tag, x in ends)

@@ -4,6 +4,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import sines
 
 import ident
 import sim
@@ -50,8 +51,7 @@ def motion(samples, rate=100.0):
     sizes = np.array([0.15, 0.08, 0.3, 0.6, 0.6, 0.6, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (7, 3)), rng.uniform(0, 6, (7, 3))
     w = rng.uniform(2, 9, (7, 3))
-    angle = time[:, None, None] * w + phase
-    return time, *((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle)))
+    return time, *sines(time, size, w, phase)
 
 
 def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):

@@ -1,6 +1,7 @@
 """Recordings of the paper's pendulum in motions that are slow for its sensors' resolution, or with a joint at rest."""
 
 import numpy as np
+from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
@@ -21,8 +22,7 @@ def motion(rng, speed, rests=None):
     size, phase = 0.6 * np.array([[1, 0.4, 0.2], [0.8, 0.5, 0.2]]), rng.uniform(0, 2 * np.pi, (2, 3))
     if rests is not None:
         size[1] = 0
-    angle = TIME[:, None, None] * w + phase
-    states = [(size * w**k * np.sin(angle + k * np.pi / 2)).sum(axis=2) for k in range(3)]
+    states = sines(TIME, size, w, phase)
     states[0][:, 1] += rests or 0.0
     return states
 

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
-from mechanisms import by_joint
+from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 import ident
 import scenes
@@ -41,11 +42,7 @@ def columns(seed=1, bend=(1, 0, 0)):
     rng = np.random.default_rng(seed)
     t, q, dq, ddq = driven_arm.motion(rng)
     model = mujoco.MjModel.from_xml_string(arm(bend))
-    data, torque = mujoco.MjData(model), np.empty_like(q)
-    for k in range(len(t)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse
+    torque, _ = inverse_dynamics(model, q, dq, ddq)
     turns, speeds_up = dq[:, 1:] @ MATRIX.T, ddq[:, 1:] @ MATRIX.T
     Ia, Fv, Fc = map(np.array, MOTOR_DRIVES.values())
     of_motors = torque[:, 1:] @ np.linalg.inv(MATRIX) + Ia * speeds_up + Fv * turns
@@ -135,18 +132,11 @@ def loaded_columns(payload, seed=0, seconds=8.0, rate=100.0):
     for joint in JOINTS:
         spec.joint(joint).frictionloss = 0
     model = spec.compile()
-    data, t = mujoco.MjData(model), np.arange(round(seconds * rate)) / rate
-    pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
+    t = np.arange(round(seconds * rate)) / rate
     amplitude, phase = rng.uniform(0.08, 0.3, (4, 5)), rng.uniform(0, 2 * np.pi, (4, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, -0.4, 0.8, 0.3])
-    dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
-    ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
-    torque = np.empty_like(q)
-    for k in range(len(t)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse
+    q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.15 * np.arange(1, 6), phase)
+    q += np.array([0, -0.4, 0.8, 0.3])
+    torque, _ = inverse_dynamics(model, q, dq, ddq)
     torque += COULOMB * np.tanh(dq / 0.003) + TORQUE_NOISE * rng.normal(size=q.shape)
     q += 1e-4 * rng.normal(size=q.shape)
     return {"time": t} | by_joint(JOINTS, position=q, torque=(STATED * torque.T).T)
@@ -159,9 +149,8 @@ def loaded_mapping(**known):
 
 @cache
 def loaded_estimate(payload):
-    return ident.identify(
-        sim.mechanism(loaded_arm(payload)), loaded_columns(payload), columns=loaded_mapping(payload=EXACT)
-    )
+    arm, mapping = sim.mechanism(loaded_arm(payload)), loaded_mapping(payload=EXACT)
+    return ident.identify(arm, loaded_columns(payload), columns=mapping)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from coded import coded
 from commands import sentence_of
-from mechanisms import by_joint
+from mechanisms import by_joint, sines
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -58,9 +58,7 @@ def mechanism():
 def motion(rng, time):
     """Angles, velocities and accelerations (N, 5) each."""
     pulsation, phase = 2 * np.pi * 0.15 * np.arange(1, 7), rng.uniform(0, 6.3, (5, 6))
-    amplitude, angle = rng.uniform(0.08, 0.28, (5, 6)), pulsation * time[:, None, None] + phase
-    kinds = (np.cos(angle), -pulsation * np.sin(angle), -(pulsation**2) * np.cos(angle))
-    return tuple((amplitude * kind).sum(axis=2) for kind in kinds)
+    return sines(time, rng.uniform(0.08, 0.28, (5, 6)), pulsation, phase + np.pi / 2)
 
 
 def in_mujoco(states, places=PLACES):
@@ -108,10 +106,8 @@ def test_channels_and_derivatives_are_those_of_mujoco():
     states, arm = motion(np.random.default_rng(1), np.arange(300) / 50), mechanism()
     _, positions, orientations, jacobians = in_mujoco(states)
     orientation = orientations.as_quat(scalar_first=True)
-    trackers = {"flange": Tracker("b4")}
-    recording = ident.Recording(
-        np.arange(300) / 50, {"flange_position": positions, "flange_orientation": orientation}, trackers=trackers
-    )
+    poses = {"flange_position": positions, "flange_orientation": orientation}
+    recording = ident.Recording(np.arange(300) / 50, poses, trackers={"flange": Tracker("b4")})
     (flange,) = aligned(arm, recording, Motion(*states)).values()
     np.testing.assert_allclose(flange.frame[:3, :3], WORLD[0].inv().as_matrix(), atol=1e-9)
     np.testing.assert_allclose(flange.markers[:3, 3], MARKERS[0], atol=1e-9)

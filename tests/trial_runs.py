@@ -88,9 +88,7 @@ figures.drawn = lambda figure, extension: b""
 use_truth(SimpleNamespace(setattr=setattr))
 raise SystemExit(multicontact.main())
 """
-"""The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up on a busy
-machine.
-"""
+"""The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up."""
 
 
 def read_until(process, pattern):

@@ -4,6 +4,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import sines
 
 import sim
 from ident.geometry.se3 import inverse, pose
@@ -54,8 +55,7 @@ def motion(samples=600, rate=100.0):
     sizes = np.array([0.1, 0.1, 0.06, 0.3, 0.2, 0.2, 0.5, 0.4, 0.5, 0.4, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (11, 3)), rng.uniform(0, 6, (11, 3))
     w = rng.uniform(2, 8, (11, 3))
-    angle = time[:, None, None] * w + phase
-    return time, *((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle)))
+    return time, *sines(time, size, w, phase)
 
 
 @cache
@@ -69,9 +69,8 @@ def truth(source=JOINTED):
         data.qpos, data.qvel, data.qacc = q[k, : model.nq], dq[k, : model.nq], ddq[k, : model.nq]
         mujoco.mj_inverse(model, data)
         axes, anchors = data.xaxis[:6], data.xanchor[:6]
-        screws = np.hstack(
-            [np.vstack([axes[:3], np.cross(anchors[3:], axes[3:])]), np.vstack([0 * axes[:3], axes[3:]])]
-        )
+        forces, moments = np.vstack([axes[:3], np.cross(anchors[3:], axes[3:])]), np.vstack([0 * axes[:3], axes[3:]])
+        screws = np.hstack([forces, moments])
         total[k] = np.linalg.solve(screws, data.qfrc_inverse[:6])
         for name, poses in places.items():
             body = data.body(name)

@@ -4,6 +4,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import by_joint, sines
 
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor
@@ -53,14 +54,9 @@ def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
 def along(t, seed=0, size=1.0):
     """The motion at any times."""
     rng = np.random.default_rng(seed)
-    order = np.arange(1, 6)
-    pulsation = 2 * np.pi * 0.1 * order
     amplitude, phase = size * rng.uniform(0.1, 0.35, (7, 5)), rng.uniform(0, 2 * np.pi, (7, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, 0.3, 0, -1.5, 0, 1.8, 0])
-    dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
-    ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
-    return q, dq, ddq
+    q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.1 * np.arange(1, 6), phase)
+    return q + np.array([0, 0.3, 0, -1.5, 0, 1.8, 0]), dq, ddq
 
 
 @cache
@@ -83,8 +79,8 @@ def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2,
     q = q + 3e-4 * rng.normal(size=q.shape)
     late = faults.get("delay", 0)
     t, q, wrench = t[late:], q[late:], wrench[: len(wrench) - late]
-    measured = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return Recording(t, {**measured, "wrist_force": wrench[:, :3], "wrist_torque": wrench[:, 3:]}, sensors=sensors())
+    felt = {"wrist_force": wrench[:, :3], "wrist_torque": wrench[:, 3:]}
+    return Recording(t, by_joint(JOINTS, position=q) | felt, sensors=sensors())
 
 
 def sensors(applied_to_link=True):

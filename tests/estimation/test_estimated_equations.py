@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import walker
-from mechanisms import by_joint
+from mechanisms import by_joint, sines
 from random_models import ARM, random_model, random_model_states
 from scipy.spatial.transform import Rotation
 
@@ -184,8 +184,7 @@ def recorded(text, rates=True):
     """Angles and torques of an arm by MuJoCo, with little noise."""
     model, rng, time = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0), np.arange(0, 12, 0.02)
     size, rate, phase = rng.uniform(0.2, 0.4, (2, 3)), np.array([1.1, 2.3, 3.7]), rng.uniform(0, 6, (2, 3))
-    angle = time[:, None, None] * rate + phase
-    q, dq, ddq = ((size * x).sum(axis=2) for x in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)))
+    q, dq, ddq = sines(time, size, rate, phase)
     torques = by_mujoco(model, q, dq, ddq)[0] + 0.01 * rng.normal(size=q.shape)
     states = {"position": q + (0 if rates else 1e-4) * rng.normal(size=q.shape), "torque": torques}
     states |= {"velocity": dq, "acceleration": ddq} if rates else {}

@@ -82,12 +82,8 @@ def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
     states = {"q": q, "dq": dq, "ddq": ddq}
     torque = ident.joint_torque_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
     wrench = ident.base_wrench_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
-    channels = {
-        f"{j}_{kind}": x
-        for kind, of in (("position", q), ("velocity", dq), ("acceleration", ddq))
-        for j, x in zip(mechanism.joints, of.T, strict=True)
-    }
-    felt = {f"{j}_torque": x + 0.01 * rng.normal(size=len(x)) for j, x in zip(mechanism.joints, torque.T, strict=True)}
+    channels = by_joint(mechanism.joints, position=q, velocity=dq, acceleration=ddq)
+    felt = by_joint(mechanism.joints, torque=torque + 0.01 * rng.normal(size=torque.T.shape).T)
     options = {"estimator": "ordinary", "drive": ()}
     estimate = ident.identify(mechanism, ident.Recording(t, channels | felt), **options)
     (finding,) = coded(estimate, "loop_left_out")

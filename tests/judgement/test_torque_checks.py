@@ -10,6 +10,7 @@ import pytest
 import wrist
 from coded import coded
 from mechanisms import by_joint
+from random_models import inverse_dynamics
 from scipy import signal
 
 import ident
@@ -39,12 +40,8 @@ def heavier(factor):
 def log(*, hand=True, load=1.0, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
     """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier(load) if hand else NO_HAND))
-    data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
-    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
-        mujoco.mj_inverse(true, data)
-        torques.append(data.qfrc_inverse.copy())
-    rng = np.random.default_rng(seed)
-    torque = off * np.array(torques) + friction * (0.6 * dq + 0.5 * np.sign(dq))
+    rng, (t, q, dq, ddq) = np.random.default_rng(seed), wrist.motion(seconds, rate)
+    torque = off * inverse_dynamics(true, q, dq, ddq)[0] + friction * (0.6 * dq + 0.5 * np.sign(dq))
     torque = torque + slow * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     torque = gains * torque + 0.03 * rng.normal(size=q.shape)
     q = q + 3e-4 * rng.normal(size=q.shape)

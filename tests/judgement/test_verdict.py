@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
@@ -14,12 +15,11 @@ from ident.judgement.finding import Finding
 from ident.judgement.verdict import Outcome, Verdict, decided
 
 
-def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
+def swung(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
     """The pendulum in a motion of six sines, with noise (rad, N) and a drag along y that no model has (N s²)."""
     rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
     w, a = 2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)), size * rng.uniform(0.1, 0.5, (2, 3))
-    at = time[:, None, None] * w + rng.uniform(0, 6, (2, 3))
-    q, dq, ddq = ((a * x).sum(axis=2) for x in (np.sin(at), w * np.cos(at), -w * w * np.sin(at)))
+    q, dq, ddq = sines(time, a, w, rng.uniform(0, 6, (2, 3)))
     wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
     wrench[:, 1] += drag * dq[:, 0] * np.abs(dq[:, 0])
     wrench += rng.normal(size=wrench.shape) * np.repeat([force, force / 10], 3)
@@ -29,12 +29,12 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
 @pytest.mark.slow
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
-    estimate = ident.identify(PENDULUM, sines(15, rate=500), held_out=sines(1015, rate=500))
+    estimate = ident.identify(PENDULUM, swung(15, rate=500), held_out=swung(1015, rate=500))
     assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
 
 
 def test_a_wrong_model_s_residuals_do():
-    recording, other = (sines(seed, seconds=20, size=1, drag=10.0) for seed in (1, 1001))
+    recording, other = (swung(seed, seconds=20, size=1, drag=10.0) for seed in (1, 1001))
     estimate = ident.identify(PENDULUM, recording, held_out=other)
     (finding,) = coded(estimate, "residual_follows_motion")
     assert finding.doubt and "Fy" in finding.place.channels
@@ -43,7 +43,7 @@ def test_a_wrong_model_s_residuals_do():
 @pytest.fixture(scope="module")
 def estimate():
     """An estimate of a clean recording."""
-    return ident.identify(PENDULUM, sines(3, seconds=8, size=1))
+    return ident.identify(PENDULUM, swung(3, seconds=8, size=1))
 
 
 def with_ratios(estimate, **rivals):

@@ -7,6 +7,7 @@ import sagittal_walker
 import walker
 import wrist
 from looped import CRANK, GRIPPER_EQUALITY, GRIPPER_LINKS, ROCKER, body, closed, text
+from mechanisms import sines
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -65,10 +66,7 @@ T = np.arange(600) / 100
 
 def swings(a, b):
     """A sum of sines and its derivatives (N,)."""
-    return [
-        sum(size * w**k * np.sin(w * T + k * np.pi / 2) for size, w in ((0.6, a), (0.2, b)))
-        for k in range(3)
-    ]  # fmt: skip
+    return sines(T, np.array([0.6, 0.2]), np.array([a, b]), 0.0)
 
 
 def read(model, **options):

@@ -1,6 +1,7 @@
 import mujoco
 import numpy as np
 import pytest
+from random_models import inverse_dynamics
 
 from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
@@ -51,12 +52,7 @@ def test_rotors_and_viscous_friction_are_mujocos_armature_and_damping():
     m = model(HINGES.replace('<joint name="u"/><joint name="w" axis="1 0 0"/>', "".join(joints)))
     tree = tree_from_model(m)
     states = np.random.default_rng(0).normal(size=(3, 20, 2))
-    data = mujoco.MjData(m)
-    forces = np.empty((20, 2))
-    for k in range(20):
-        data.qpos, data.qvel, data.qacc = (x[k] for x in states)
-        mujoco.mj_inverse(m, data)
-        forces[k] = data.qfrc_inverse
+    forces, _ = inverse_dynamics(m, *states)
     Y = joint_torque_regressor(tree, *states, gravity=m.opt.gravity, drive=("rotor", "viscous"))
     phi = np.concatenate([parameters_from_model(m), m.dof_armature, m.dof_damping])
     np.testing.assert_allclose(Y @ phi, forces, atol=1e-12)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from mechanisms import LENGTH_1, random_states, tilted_axis
+from random_models import inverse_dynamics
 
 import scenes
 from experiments.data.simulated_study import StudyProblem
@@ -103,12 +104,7 @@ def recorded(contact):
 def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact):
     problem, recording = StudyProblem.of(packaged("multicontact", contact=contact)), recorded(contact)
     states = recording.joint_states(problem.known.tree.joints)
-    data = mujoco.MjData(MODEL)
-    expected = np.empty((len(recording.time), 6))
-    for k, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
-        data.qpos, data.qvel, data.qacc = q, dq, ddq
-        mujoco.mj_inverse(MODEL, data)
-        expected[k] = data.sensordata[:6]
+    expected = inverse_dynamics(MODEL, *states)[1][:, :6]
     total = problem.total(recording).values
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
     assert abs(recording.wrench("ground").values - expected).max() > 30
