@@ -32,9 +32,8 @@ def recorded(request):
 
 
 def assert_equal(computed, expected, scale=None, tolerance=1e-10):
-    np.testing.assert_allclose(
-        computed, expected, rtol=0, atol=tolerance * abs(expected if scale is None else scale).max()
-    )
+    scale = abs(expected if scale is None else scale).max()
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=tolerance * scale)
 
 
 def external_wrench(states, forces):

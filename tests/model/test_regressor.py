@@ -100,6 +100,12 @@ def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
     np.testing.assert_array_equal(base_wrench_regressor(tree, *states, gravity=GRAVITY, out=right), memory)
 
 
+def test_parallel_axes_leave_the_force_along_them_empty():
+    tree = double_pendulum()
+    Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 50), gravity=[0, 0, -9.81])
+    assert abs(Y[:, 0]).max() < 1e-12 < abs(Y[:, 1:]).max(axis=(0, 2)).min()
+
+
 def test_a_moving_base_is_a_free_joint_seen_from_the_body():
     """Cut at a free joint, the rest needs the joint's forces as a wrench in the body's frame."""
     rng = np.random.default_rng(0)

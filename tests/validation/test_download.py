@@ -72,13 +72,10 @@ ENTRY = Entry(
 
 
 @pytest.mark.parametrize("licence", ["", "proprietary"])
-def test_what_may_not_be_copied_is_not_downloaded(licence):
+def test_what_may_not_be_copied_or_is_of_unknown_origin_is_not_downloaded(licence):
     entry = replace(ENTRY, source=replace(ENTRY.source, licence=licence))
     with pytest.raises(InputError, match=r"lets nobody copy it.*--data"):
         address(entry, entry.files[0])
-
-
-def test_a_file_of_unknown_origin_is_not_downloaded():
     with pytest.raises(InputError, match=r"where 'b.csv' is published is not known.*--data"):
         address(ENTRY, SourceFile("b.csv"))
 
@@ -158,9 +155,7 @@ MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody
 def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
     exact, out = tmp_path / "in.sto", [tmp_path / "out.sto", tmp_path / "again.sto"]
     names = ["time", "pelvis_tx", "knee_angle_r", "ground_force_r_px", "ground_force_r_vy"]
-    exact.write_text(
-        "\n".join(["inDegrees=no", "endheader", "\t".join(names), *["1\t1\t1\t1\t1"] * 400]), encoding="utf-8"
-    )
+    exact.write_text("\n".join(["inDegrees=no", "endheader", "\t".join(names), *["1\t1\t1\t1\t1"] * 400]))
     for each in out:
         noisy(exact, each)
     text = out[0].read_text(encoding="utf-8")
@@ -227,9 +222,8 @@ def test_a_bag_s_joint_states_become_a_table(tmp_path):
     head, *lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
     assert head.split(",")[:3] == ["time", "shoulder_position", "el_position"]
     assert head.split(",")[-1] == "el_torque"
-    assert [[float(x) for x in line.split(",")] for line in lines] == [
-        [t - 2.5, *q, *dq, *tau] for t, q, dq, tau in rows
-    ]
+    expected = [[t - 2.5, *q, *dq, *tau] for t, q, dq, tau in rows]
+    assert [[float(x) for x in line.split(",")] for line in lines] == expected
 
 
 def test_a_bag_without_joint_states_or_a_damaged_one_is_a_sentence(tmp_path):
@@ -253,9 +247,8 @@ def tensor_file(path, tables, rebuild=("torch._utils", "_rebuild_tensor_v2")):
         out.write(b"c" + f"{rebuild[0]}\n{rebuild[1]}\n".encode() + b"((")
         out.write(b"X\x07\0\0\0storage" + b"ctorch\nFloatStorage\n")
         out.write(b"X\x01\0\0\0" + str(key).encode() + b"X\x03\0\0\0cpu" + b"J" + struct.pack("<i", array.size) + b"tQ")
-        sizes = [array.shape, tuple(x // 4 for x in array.strides)]
         out.write(b"J" + struct.pack("<i", 0))
-        for each in sizes:
+        for each in (array.shape, [x // 4 for x in array.strides]):
             out.write(b"(" + b"".join(b"J" + struct.pack("<i", x) for x in each) + b"t")
         out.write(b"\x89" + b"ccollections\nOrderedDict\n)R" + b"tR")
     out.write(b"u.")
