@@ -5,23 +5,13 @@ import numpy as np
 from mechanisms import unit_vector
 
 ARM = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body name="base">
-      <geom size=".1" density="500"/><site name="ground"/>
-      <body name="upper" pos="0 0 .3">
-        <joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
-        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
-        <body name="lower" pos=".3 0 0">
-          <joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
-          <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <sensor><force site="ground"/><torque site="ground"/></sensor>
-</mujoco>
+<mujoco><option><flag contact="disable"/></option><worldbody>
+  <body name="base"><geom size=".1" density="500"/><site name="ground"/>
+  <body name="upper" pos="0 0 .3"><joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
+    <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
+  <body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
+    <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/></body></body></body></worldbody>
+<sensor><force site="ground"/><torque site="ground"/></sensor></mujoco>
 """
 CHAINS = ([], ["hinge"], ["slide"], ["ball"], ["hinge", "hinge"], ["slide", "hinge"], ["slide", "slide", "ball"])
 """Joints of one body, the first next to its parent; MuJoCo allows no hinge beside a ball."""

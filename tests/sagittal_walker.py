@@ -11,10 +11,7 @@ import sim
 from ident.model.regressor import base_wrench_regressor
 
 MODEL = """
-<mujoco>
-  <option gravity="{gravity}"/>
-  <worldbody>
-    <body name="pelvis" pos="0 1 0">
+<mujoco><option gravity="{gravity}"/><worldbody><body name="pelvis" pos="0 1 0">
       <joint name="tx" type="slide" axis="1 0 0"/><joint name="ty" type="slide" axis="0 1 0"/>
       <joint name="tilt" axis="0 0 1"/>
       <geom type="ellipsoid" size="0.1 0.25 0.16" pos="0.02 0.2 0" density="1100"/>
@@ -26,9 +23,7 @@ MODEL = """
         <geom type="capsule" fromto="0 0 0 0.02 -0.42 0" size="0.07"/>
         <body name="foot_l" pos="0 -0.45 0"><joint name="knee_l" axis="0 0 -1"/>
           <geom type="capsule" fromto="0 0 0 0 -0.42 -0.01" size="0.05"/></body></body>
-    </body>
-  </worldbody>
-</mujoco>
+</body></worldbody></mujoco>
 """
 SIDEWAYS = ("Fz", "Mx", "My")
 STANDS = {"right": "foot_r", "left": "foot_l"}

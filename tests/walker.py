@@ -12,16 +12,8 @@ from ident.recordings.wrench import transform_wrench
 
 ROOT = ("tx", "ty", "tz", "yaw", "lean", "tilt")
 MODEL = """
-<mujoco>
-  <option gravity="0 0 -9.81"/>
-  <worldbody>
-    <body name="pelvis" pos="0 0 1">
-      {root}
-      <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>
-      {limbs}
-    </body>
-  </worldbody>
-</mujoco>
+<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="pelvis" pos="0 0 1">{root}
+  <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>{limbs}</body></worldbody></mujoco>
 """
 LEGS = """<body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>

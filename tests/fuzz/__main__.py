@@ -1,8 +1,4 @@
-"""Runs commands on damaged input in one process, and counts how the cases end.
-
-Case k is the same for the same seed, whatever ran before. Ends with 1 unless every case was refused in a sentence or
-accepted.
-"""
+"""Runs commands on damaged input in one process, and counts how the cases end, which are the same for the same seed."""
 
 import argparse
 import faulthandler

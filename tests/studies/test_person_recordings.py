@@ -55,9 +55,8 @@ def test_what_is_not_as_stated_is_what_sensors_and_joints_read():
     own, exact = (recorded("squats", 1.0, 3, EXACT, each) for each in (faults, Faults()))
     for name in SENSORS:
         read = own.wrench(name).values / faults.gains[name]
-        np.testing.assert_allclose(
-            transform_wrench(faults.frames[name], read), exact.wrench(name).values, atol=1e-9, err_msg=name
-        )
+        moved_back = transform_wrench(faults.frames[name], read)
+        np.testing.assert_allclose(moved_back, exact.wrench(name).values, atol=1e-9, err_msg=name)
     for joint, zero in faults.zeros.items():
         off = own.measured[f"{joint}_position"] - exact.measured[f"{joint}_position"]
         np.testing.assert_allclose(off, zero, atol=1e-12)
