@@ -5,6 +5,7 @@ from functools import cache
 import mujoco
 import numpy as np
 from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor
@@ -63,12 +64,7 @@ def along(t, seed=0, size=1.0):
 def read(text, seconds=20.0, rate=100.0, size=1.0):
     """Noise-free readings of MuJoCo's sensor (N, 6)."""
     arm = mujoco.MjModel.from_xml_string(text)
-    data, out = mujoco.MjData(arm), []
-    for q, dq, ddq in zip(*motion(seconds, rate, size=size)[1:], strict=True):
-        data.qpos[:7], data.qvel[:7], data.qacc[:7] = q, dq, ddq
-        mujoco.mj_inverse(arm, data)
-        out.append(data.sensordata.copy())
-    return np.array(out)
+    return inverse_dynamics(arm, *motion(seconds, rate, size=size)[1:])[1]
 
 
 def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2, 5, 0.1, -0.2, 0.05), sign=1, **faults):

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from random_models import inverse_dynamics
 from written_formats import write_csv
 
 import ident
@@ -77,18 +78,12 @@ def generalized(model_text, followers, q, dq, ddq):
     """Torques of independent joints by MuJoCo's inverse dynamics without constraints, by virtual work (N, n)."""
     model = mujoco.MjModel.from_xml_string(model_text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
-    data, out = mujoco.MjData(model), []
     names = [model.joint(j).name for j in range(model.njnt)]
-    for states in zip(q.T, dq.T, ddq.T, strict=True):
-        for values, at in zip((data.qpos, data.qvel, data.qacc), states, strict=True):
-            values[:] = at
-        mujoco.mj_inverse(model, data)
-        tau = dict(zip(names, data.qfrc_inverse.tolist(), strict=True))
-        own = dict(zip(names, states[0], strict=True))
-        for name, lead in followers.items():
-            tau[lead.joint] += lead.slope(own[lead.joint]) * tau.pop(name)
-        out.append([tau[name] for name in names if name in tau])
-    return np.array(out)
+    forces, _ = inverse_dynamics(model, q.T, dq.T, ddq.T)
+    tau, own = dict(zip(names, forces.T, strict=True)), dict(zip(names, q, strict=True))
+    for name, lead in followers.items():
+        tau[lead.joint] = tau[lead.joint] + lead.slope(own[lead.joint]) * tau.pop(name)
+    return np.stack(list(tau.values()), axis=1)
 
 
 POLYNOMIAL = (
