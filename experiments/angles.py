@@ -1,4 +1,4 @@
-"""Joint angles from the positions of markers, their noise, and the lengths of segments."""
+"""Fits joint angles to the positions of markers, with their noise, and the lengths of segments."""
 
 import argparse
 import shlex
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> None:
     """Fits a trial, and writes and prints the results."""
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import angles_report
     from experiments.studies.marker_angles import Scale, angles

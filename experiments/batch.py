@@ -1,4 +1,4 @@
-"""Base parameters from many logs one by one: a folder for each, one table of all, and the failures by name."""
+"""Identifies base parameters from many logs one by one: a folder for each, one table of all, and what failed."""
 
 import argparse
 import contextlib
@@ -38,8 +38,7 @@ MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns
 def run(args: argparse.Namespace) -> None:
     """Identifies every log, and writes and prints a table of all."""
     from experiments.data.batch_outcomes import LogOutcome
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import check_inputs, writable
+    from experiments.document.result_folder import check_inputs, provenance, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
     from experiments.runs.workers import Checkpoint
@@ -177,7 +176,7 @@ def check_shared(args: argparse.Namespace) -> "Mechanism":
         InputError: Something is missing or does not fit; the message names it.
     """
     from experiments.studies.user_files import prepare, read_mechanism
-    from ident.recordings.columns.mapping import read_mapping
+    from ident.recordings.mapping import read_mapping
 
     read = identify.reading(args)
     arm = read_mechanism(args.model, **{key: read[key] for key in MODEL})

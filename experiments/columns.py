@@ -8,16 +8,23 @@ from experiments.cli import options, running
 from ident.errors import InputError
 from ident.tolerances import HUGE
 
+MOST = 100
+"""Columns of each kind that are listed, about two screens; the mapping has all."""
+
+HEADS = ("quantity", "column", "unit", "certainty", "reasons")
+"""Heads of the table of what the columns probably hold."""
+
 RATE = options.decimal("a number of samples per second, in Hz", lambda x: 1e-3 <= x < HUGE)
-"""Type of a rate, as for `ident.files.selection.Rate`."""
+"""Type of a rate, as for `ident.recordings.entries.Rate`."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
-    from experiments.document.terminal import wrapped
-    from experiments.guesses.belief import table, write_mapping
+    from experiments.document import terminal
+    from experiments.guesses.belief import rows, write_mapping
     from experiments.guesses.guess import believed
     from experiments.guesses.log_contents import TRIAL
+    from ident.display.brief import listed
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_clocks import files_of
     from sim.models.model_mechanism import mechanism
@@ -27,13 +34,13 @@ def run(args: argparse.Namespace) -> None:
     if realpath(out) in map(realpath, (args.model, *files)):
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     arm = mechanism(args.model, **options.of_model(args))
-    belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
+    belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate or 0.0)
     write_mapping(out, belief, force=args.force)
-    log, lines = belief.log, [*belief.log.summary(), "", *table(belief)]
-    lines += [""] * bool(belief.open or belief.notes)
-    lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
-    lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
-    print(wrapped("\n".join(lines)))
+    log, found = belief.log, terminal.table(HEADS, rows(belief), [False] * len(HEADS))
+    lines = [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
+    lines += [f"Columns that are not used: {listed(belief.unused, MOST)}."] if belief.unused else []
+    lines = [*log.summary(MOST), "", *found, *[""] * bool(lines), *lines]
+    print(terminal.wrapped("\n".join(lines)))
     carried = next((group for group in belief.groups.values() if group.is_inner and not group.is_doubtful), None)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
     then = f"Correct {out}; {'then' if belief.complete else 'then, when every joint has a position'}"
@@ -65,7 +72,7 @@ OPTIONS: options.Options = {
     "--force": ("replace the file if there is one", options.FLAG),
     "--rate": (
         "samples per second, if the logs have no column of times",
-        {"type": RATE, "default": 0.0, "metavar": "HZ"},
+        {"type": RATE, "metavar": "HZ"},
     ),
     **options.MECHANISM,
     **options.SIZE,

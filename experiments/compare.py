@@ -1,4 +1,4 @@
-"""Results of identify side by side: differences of parameters and settings."""
+"""Compares results of identify side by side: differences of parameters and settings."""
 
 import argparse
 from os.path import realpath
@@ -10,7 +10,7 @@ from experiments.cli import options, running
 def run(args: argparse.Namespace) -> None:
     """Compares results, and writes and prints the differences."""
     from experiments.data.comparison import read_results
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import compare_report
     from ident.errors import InputError

@@ -1,4 +1,4 @@
-"""The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
+"""Derives the dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
 
 import argparse
 from pathlib import Path
@@ -8,8 +8,7 @@ from experiments.cli import options, running
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model, and writes and prints it."""
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import results_folder, write_json
+    from experiments.document.result_folder import provenance, results_folder, write_json
     from ident.files.limits import library
 
     with library("symbolic", "This"):

@@ -21,7 +21,7 @@ SHARE = options.decimal("a number from 0 to below 0.5", lambda x: 0 <= x < 0.5)
 
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import excite_report
     from experiments.studies.designed_excitation import DesignSearch, designed, problem_of

@@ -1,4 +1,4 @@
-"""A simulated person on two force plates who holds a rail: segment estimates from a prior that is wrong by a fifth."""
+"""Identifies a simulated person on two force plates who holds a rail, from a prior that is wrong by a fifth."""
 
 import argparse
 import os
@@ -9,8 +9,7 @@ from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.document.document import Document
-    from experiments.document.writer import Output
+    from experiments.document.writer import Document, Output
 
 
 def run(args: argparse.Namespace) -> None:
@@ -21,8 +20,7 @@ def run(args: argparse.Namespace) -> None:
 def report(args: argparse.Namespace, out: "Output") -> "Document":
     """Runs the study that the command's options state, writes and prints its results, and returns its document."""
     from experiments.cli.own_model import progress
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import writable
+    from experiments.document.result_folder import provenance, writable
     from experiments.document.writer import write
     from experiments.reports import human_report
     from experiments.studies import person_on_plates

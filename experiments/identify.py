@@ -1,10 +1,12 @@
-"""Base parameters of your own mechanism from your own recording, and whether to believe them."""
+"""Identifies base parameters of your own mechanism from your own recording, and says whether to believe them."""
 
 import argparse
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,7 @@ from ident.errors import InputError
 from ident.setup import OWN
 
 if TYPE_CHECKING:
-    from experiments.document.document import Document
-    from experiments.document.writer import Output
+    from experiments.document.writer import Document, Output
     from ident.estimate import Estimate
     from ident.estimation.preparation import Prepared
 
@@ -31,14 +32,15 @@ THREADED = 10_000
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
-    from experiments.document import rerun_file
+    from experiments.document.replay import RERUN, check_installed, write_rerun
     from experiments.document.writer import write
     from experiments.reports import identify_report
 
     if args.rerun:
-        rerun_file.check_installed()
+        check_installed()
     _, document, out = identified_from(args, own_model.folder(args))
-    document = rerun_file.with_rerun(document) if args.rerun else document
+    if args.rerun and document.replay is not None:
+        document = replace(document, files={**document.files, RERUN: partial(write_rerun, document.replay)})
     write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
 
 

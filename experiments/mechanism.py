@@ -1,4 +1,4 @@
-"""The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
+"""Shows the double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -7,8 +7,7 @@ from experiments.cli import options, running
 from experiments.data.paper import SCENE
 
 if TYPE_CHECKING:
-    from experiments.document.document import Document
-    from experiments.document.writer import Output
+    from experiments.document.writer import Document, Output
 
 
 def run(args: argparse.Namespace) -> None:
@@ -18,7 +17,7 @@ def run(args: argparse.Namespace) -> None:
 
 def report(out: "Output") -> "Document":
     """Writes and prints the mechanism, and returns its document."""
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import mechanism_report
     from experiments.studies.pendulum_drawn import difference_of_tables, drawing

@@ -1,4 +1,4 @@
-"""Section VI: effect of a 5° tilt of the joint axes on a model that neglects it (Table III, Figures 2 and 3)."""
+"""Studies a 5° tilt of the joint axes and a model that neglects it (Section VI: Table III, Figures 2 and 3)."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""Section VII: identification with a contact at the end of the second link, or several (Table IV, Figures 4 and 5)."""
+"""Studies a contact at the end of the second link, or several (Section VII: Table IV, Figures 4 and 5)."""
 
 import argparse
 

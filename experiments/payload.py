@@ -1,4 +1,4 @@
-"""Mass, centre and inertia of what your robot carries: beyond a wrist sensor, or by logs with and without it."""
+"""Identifies mass, centre and inertia of what your robot carries: beyond a wrist sensor, or with and without it."""
 
 import argparse
 from pathlib import Path
@@ -52,8 +52,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _stated_body(args: argparse.Namespace) -> str:
     """Body that carries the load, by the columns file."""
-    from ident.files.limits import toml
-    from ident.files.schema import table
+    from ident.files.limits import table, toml
 
     stated = args.columns and args.columns.suffix == ".toml"
     entries = toml(args.columns, "a mapping of columns needs") if stated else {}

@@ -1,4 +1,4 @@
-"""The former name of `identify --estimator ordinary --holdout 0`, for one more version."""
+"""Identifies as `identify --estimator ordinary --holdout 0` does, under its former name, for one more version."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""A simulated study of your own, stated in one file: its tables and figures as in print."""
+"""Runs a simulated study of your own, stated in one file: its tables and figures as in print."""
 
 import argparse
 import hashlib
@@ -10,8 +10,7 @@ from experiments.cli import options, running
 
 if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
-    from experiments.document.document import Document
-    from experiments.document.writer import Output
+    from experiments.document.writer import Document, Output
     from experiments.studies.simulation import Trials
 
 
@@ -50,12 +49,13 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
         source: Path of the study's file; None for a study of the package.
     """
     from experiments.data.fitting import ESTIMATORS
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import end, write_page, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.simulation import distributions, draw_of, simulated, swept
+    from experiments.studies.simulation import check_numbers, distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
+    check_numbers(study)
     origin = provenance({**file.options, "formats": out.formats}, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
     draw = draw_of(study, trials, out.folder)

@@ -1,4 +1,4 @@
-"""The former way to `[sweep]` of a study file, for one more version: a study over the values of one of its options."""
+"""Runs a study over the values of one of its options: `[sweep]` of a study file, under its former name."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""Validation on public recordings, with the defaults of identify: where it wins, and where it loses.
+"""Validates on public recordings, with the defaults of identify: where it wins, and where it loses.
 
 Each recording of the registry is identified unattended: parameters beside published ones, held-out residuals beside
 those of the model as it came and of least squares at the best of five cut-offs, agreement of halves and of trials.
@@ -22,8 +22,7 @@ VARIABLE = "MULTICONTACT_DATA"
 
 def run(args: argparse.Namespace) -> None:
     """Validates, and writes and prints the results."""
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import writable
+    from experiments.document.result_folder import provenance, writable
     from experiments.document.writer import write
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers

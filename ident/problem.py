@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.display.brief import listed
 from ident.errors import InputError
 from ident.estimation import repairs
 from ident.estimation.equations import Equations
@@ -160,7 +161,7 @@ def problem_of(
     whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
     measured = [log.samples.measured[part] for log, part in zip(logs, whole, strict=True)]
     if any(map(len, measured)) and not any(np.ptp(x, axis=0).any() for x in measured if len(x)):
-        raise InputError("Every measured channel is constant; there is nothing to fit.")
+        raise InputError(_nothing_varies(logs[0]))
     if judges:
         ends = tuple(slice(judge.edge, len(judge.samples) - judge.edge) for judge in judges)
         for judge, end in zip(judges, ends, strict=True):
@@ -185,6 +186,19 @@ def problem_of(
     to_fit = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
     to_judge = [_settled(log, end) if alone else Part(log, end) for log, end in zip(judges or logs, ends, strict=True)]
     return _without_flat(Problem(to_fit, to_judge, bool(judges), **more))
+
+
+def _nothing_varies(log: Prepared) -> str:
+    """Sentence on a recording whose channels are all constant, or that has none where nothing holds the base."""
+    if log.recording.wrenches or log.equations.torques:
+        return f"Every measured channel ({', '.join(log.equations.channels)}) is constant; there is nothing to fit."
+    unused = log.recording.unused
+    there = f"columns that are not used are {listed(unused)}" if unused else "all of its columns are used"
+    return (
+        "Nothing holds the base, so that a wrench on a body or a joint torque is needed, and none is mapped; "
+        f'{there}. Wrenches belong under [wrenches], those of plates with frame = "world" and on = BODY: '
+        "`multicontact columns MODEL LOG` writes a mapping to correct."
+    )
 
 
 def _check_different(logs: Sequence[Prepared], judges: Sequence[Prepared]) -> None:

@@ -30,7 +30,7 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
     _check_neighbour()
     check_type("estimate", estimate, Estimate, WORDS["Estimate"])
     path = checked_path("folder", folder, "the path of a folder")
-    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import provenance
     from experiments.document.writer import Output, written
     from experiments.reports import identify_report
     from experiments.studies.user_files import following

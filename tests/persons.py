@@ -1,7 +1,7 @@
 """People simulated for two seconds, once for all tests of a worker, in place of studies that take minutes."""
 
-from experiments.data.simulated_person import Laboratory
 from experiments.studies.person_on_plates import study as simulated
+from experiments.studies.person_recordings import Laboratory
 
 _STUDIES = {}
 

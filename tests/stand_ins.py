@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from experiments.data import simulated_study
 from experiments.data.fitting import Trial
 from experiments.document import figures
-from experiments.document.document import Plot
+from experiments.document.writer import Plot
 
 
 class Here(Executor):

@@ -16,7 +16,7 @@ import sim
 from ident.estimation.equations import COMPONENTS
 from ident.identification import checked_setup
 from ident.mechanism.motion import Motion
-from ident.recordings.columns.mapping import stated_mapping
+from ident.recordings.mapping import stated_mapping
 from ident.recordings.recording import STATES
 from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS

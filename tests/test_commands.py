@@ -14,7 +14,7 @@ import ident
 import sim
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
-from ident.recordings.plausibility import with_servos
+from ident.recordings.faults import with_servos
 from ident.recordings.stated import Servo
 from ident.setup import PRIORS
 

@@ -13,8 +13,7 @@ from scipy import special
 import scenes
 from docs.tools.noise.recordings import sinusoids
 from experiments import payload
-from experiments.data.simulated_person import Laboratory
-from experiments.studies.person_recordings import humanoid, moved, sensed
+from experiments.studies.person_recordings import Laboratory, humanoid, moved, sensed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identify

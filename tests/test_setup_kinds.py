@@ -9,7 +9,7 @@ from measurements import random_measurement
 
 from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
 from ident.judgement.finding import Place, place_of, sentence, setup_findings
-from ident.recordings.columns.mapping import DEVIATIONS
+from ident.recordings.mapping import DEVIATIONS
 from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation

@@ -12,10 +12,9 @@ from persons import once
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
-from experiments.data.simulated_person import Laboratory
 from experiments.reports.identify_page import held_out_figure
 from experiments.reports.identify_report import data_lines, parameters_table
-from experiments.studies.person_recordings import humanoid, mistaken, recorded
+from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, recorded
 from ident.errors import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough

@@ -36,8 +36,7 @@ from docs.tools.mechanisms import (
 )
 from experiments.data import paper
 from experiments.data.paper import SCENE
-from experiments.document.provenance import provenance
-from experiments.document.result_folder import write_json
+from experiments.document.result_folder import provenance, write_json
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism

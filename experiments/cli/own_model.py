@@ -90,7 +90,7 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
         args: The options.
         logs: The fitted parts of the logs.
     """
-    from experiments.document.provenance import provenance as origin
+    from experiments.document.result_folder import provenance as origin
 
     fitted = [
         file_entry(path)

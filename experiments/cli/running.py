@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import os
 import shlex
 import signal
 import sys
@@ -65,12 +66,24 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
         argv: Arguments, by default the command line's.
 
     Returns:
-        Exit code: 0, 2 for bad input, or 130 when interrupted.
+        Exit code: 0, 2 for bad input, 130 when interrupted, or 141 when what read the output, as `head`, has ended.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    parser = make_parser()
+    try:
+        try:
+            return _run(study, make_parser(), argv)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # What is left in the buffer would be a second error at the end of the process.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+
+
+def _run(study: Study, parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
+    """Runs a study and returns the exit code, as for `run`, but raises an error for a closed output."""
     given = parser.parse_args(argv)
     variables = environment(default_variables())
     interrupted = f"{parser.prog}: interrupted; every file is whole."
@@ -78,6 +91,8 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
         try:
             with _without_log(), _its_consequences(asked):
                 study(given)
+        except BrokenPipeError:
+            raise
         except (InputError, OSError, MemoryError) as error:
             text: object = error
             if isinstance(error, OSError) and error.filename and error.strerror:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os.path import realpath
 from pathlib import Path
@@ -32,11 +32,13 @@ class Result:
         name: Name of the folder, or its path if names are not unique.
         estimate: Content of `estimate.json`.
         provenance: Content of `provenance.json`.
+        in_full: True if logs go by their paths and contents, as others of the same name are compared with.
     """
 
     name: str
     estimate: Mapping[str, Any]
     provenance: Mapping[str, Any]
+    in_full: bool = False
 
     @property
     def regrouping(self) -> Mapping[str, str]:
@@ -52,7 +54,12 @@ class Result:
     def logs(self) -> Mapping[str, str]:
         """Fitted files by the SHA-256 sums of their contents."""
         several = [log.get("files") or [log] for log in self.provenance["recording"]["logs"]]
-        return {"+".join(each["sha256"] for each in log): "+".join(each["file"] for each in log) for log in several}
+        names = {"+".join(each["sha256"] for each in log): "+".join(each["file"] for each in log) for log in several}
+        if not self.in_full:
+            return names
+        paths = self.provenance["options"].get("logs", [])
+        paths = paths if fits(paths, list[str]) and len(paths) == len(names) else names.values()
+        return {sums: f"{path} ({sums[:8]})" for sums, path in zip(names, paths, strict=True)}
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -161,9 +168,11 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     names = [Path(realpath(folder)).name for folder in folders]
     if len(set(names)) < len(names):
         names = list(map(str, folders))
-    return [
-        Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in zip(names, folders, strict=True)
-    ]
+    pairs = zip(names, folders, strict=True)
+    results = [Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in pairs]
+    logs = {log for result in results for log in result.logs.items()}
+    alike = len({name for _, name in logs}) < len(logs)
+    return [replace(result, in_full=alike) for result in results]
 
 
 def estimate_of(folder: Path) -> Content:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.annotations import Needs, typed
 from ident.errors import InputError
-from ident.files.schema import value_of
+from ident.files.limits import value_of
 from ident.files.table import short
 from ident.judgement.verdict import Outcome
 from ident.tolerances import DRIVE, INTERVAL

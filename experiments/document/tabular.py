@@ -70,6 +70,13 @@ def of_deviations(std: Iterable[float | None]) -> Decimals:
     return tuple(0 if x == 0 else decimals_of(x) for x in std)
 
 
+def of_small(values: Iterable[float | None], std: Iterable[float | None]) -> Decimals:
+    """Decimals of other values beside estimates: those of the estimates, or more to show two digits of small ones."""
+    sizes = of_numbers(None if x is None else abs(x) for x in values)
+    pairs = zip(of_numbers(std), sizes, strict=True)
+    return [max((each for each in pair if each is not None), default=None) for pair in pairs]
+
+
 def as_stated(numbers: Iterable[float]) -> int:
     """Decimals of a set of stated numbers: those of the one that has most.
 
@@ -197,7 +204,10 @@ class Table:
             return notes
         if SUMS in self.columns:
             return [*notes, (DAGGER, "Regrouped with other parameters: the sum is in the column of regroupings.")]
-        listed = "; ".join(f"{model}: " * bool(model) + ", ".join(kept[model]) for model in models)
+        named = dict[str, list[str]]()
+        for model in models:
+            named.setdefault(", ".join(kept[model]), []).append(model)
+        listed = "; ".join(f"{', '.join(own)}: " * bool(own[0]) + sums for sums, own in named.items())
         return [*notes, (DAGGER, f"Regrouped sums{', ' if models[0] else ': '}{listed}.")]
 
     @cached_property

@@ -16,8 +16,9 @@ from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.column import CURRENT, UNITS
 from ident.files.csv_file import Layout
+from ident.files.table import BASE as POSES_OF_BASE
 from ident.mechanism.mechanism import Mechanism, plane_normal
-from ident.recordings.columns.mapping import joint_kinds
+from ident.recordings.mapping import joint_kinds
 from ident.recordings.several_clocks import name_of
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
@@ -180,12 +181,18 @@ class Belief:
         """Joints with one coordinate."""
         return [joint for joint, kind in self.kinds.items() if kind != "ball"]
 
-    @cached_property
+    @property
+    def moves(self) -> bool:
+        """True if the log has poses of the base, which then nothing holds."""
+        named = f"{POSES_OF_BASE}.0" in self.log.samples
+        return named or (BASE in self.poses and "position" in self.poses[BASE].entries)
+
+    @property
     def held(self) -> bool:
         """True if something holds the base."""
-        return not self.mechanism.tree.floats
+        return not (self.mechanism.tree.floats or self.moves)
 
-    @cached_property
+    @property
     def flies(self) -> bool:
         """True if the joints move a held base freely in a plane."""
         return self.held and plane_normal(self.mechanism) is not None
@@ -193,7 +200,7 @@ class Belief:
     @property
     def can_predict(self) -> bool:
         """True if the model predicts wrenches and torques by angles alone."""
-        moves = any("position" in group.entries for group in self.poses.values())
+        moves = self.moves or any("position" in group.entries for group in self.poses.values())
         return self.mechanism.prior is not None and not moves and len(self.axes) == len(self.kinds)
 
     def of(self, kind: str) -> dict[str, Quantity]:
@@ -224,7 +231,7 @@ class Belief:
     def free(self) -> list[str]:
         """Columns that are not assigned."""
         taken = set(self.columns)
-        return [name for name in self.log.names if name not in taken]
+        return [name for name in self.log.names if name not in taken and not name.startswith(f"{POSES_OF_BASE}.")]
 
     def stated(self, x: Quantity) -> str:
         """Unit that the name of a quantity's column states; "" if none."""
@@ -313,18 +320,19 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def table(belief: Belief) -> list[str]:
-    """Lines of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
+def rows(belief: Belief) -> list[tuple[str, ...]]:
+    """Rows of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
     clocks = [(clock.entry, clock.why) for clock in belief.log.clocks]
-    rows = [("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks]
+    out: list[tuple[str, ...]] = [
+        ("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks
+    ]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
-        rows.append((f"{x.joint}.{x.kind}", x.column or "left out", unit, x.sure, "; ".join(x.why)))
+        out.append((f"{x.joint}.{x.kind}", x.column or "left out", unit, x.sure, "; ".join(x.why)))
     for group in (*belief.poses.values(), *belief.groups.values()):
         for key, entry in group.lines:
             values = entry.value if isinstance(entry.value, list) else [entry.value]
             scaled = (f"{x['gain']:g} × {x['column']}" if isinstance(x, dict) else x for x in values)
             listed = ", ".join(str(each) if each != "" else "-" for each in scaled)
-            rows.append((f"{group.name}.{key}", listed, "", entry.sure, entry.why))
-    sizes = [max((len(row[k]) for row in rows), default=0) for k in range(4)]
-    return ["  ".join([*(f"{cell:{size}}" for cell, size in zip(row, sizes, strict=False)), row[4]]) for row in rows]
+            out.append((f"{group.name}.{key}", listed, "", entry.sure, entry.why))
+    return out

@@ -12,9 +12,9 @@ from experiments.guesses.scores import decisions, exact_names, is_named_after
 from experiments.guesses.words import LIKE, families, likeness, most_alike, unit_of, without_unit, words
 from ident.estimation.recorded_motion import UNIT
 from ident.files.column import CURRENT
-from ident.recordings.columns.plates import AUTO
+from ident.recordings.channels import Component, wrench_groups
+from ident.recordings.plates import AUTO
 from ident.recordings.wrench import GROUND
-from ident.recordings.wrench_names import Component, wrench_groups
 
 FEET = re.compile(r"foot|calcn|feet|sole|heel", re.IGNORECASE)
 """Names of bodies that stand on the ground."""
@@ -165,10 +165,10 @@ def _place(belief: Belief, group: ColumnGroup) -> None:
 
 def _stand(belief: Belief, group: ColumnGroup) -> None:
     """Adds the bodies that may stand on a plate."""
-    tree = belief.mechanism.tree
+    tree, names = belief.mechanism.tree, belief.mechanism.bodies
     carrying = {tree.names[body.parent] for body in tree.bodies if body.parent >= 0}
-    feet = [name for name in tree.names if FEET.search(name)]
-    among = feet or [name for name in tree.names if name not in carrying]
+    feet = [name for name in names if FEET.search(name)]
+    among = feet or [name for name in names if name not in carrying]
     what = "named like feet" if feet else "bodies that carry no other"
     if sides := words(group.name).sides:
         among = [name for name in among if words(name).sides == sides] or among

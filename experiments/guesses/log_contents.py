@@ -3,22 +3,23 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from experiments.guesses.words import words
+from ident.display.brief import listed
 from ident.errors import LogError
 from ident.files.column import UNITS, Columns
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
-from ident.files.selection import counted, taken
-from ident.files.table import TRUE, Table, is_number
-from ident.recordings.columns.entries import clocks
-from ident.recordings.columns.mapping import ColumnMapping
-from ident.recordings.plausibility import rate_factor, with_continuous_angles
+from ident.files.table import FAR, TRUE, Table, is_number
+from ident.recordings.entries import clocks, counted, taken
+from ident.recordings.faults import rate_factor, with_continuous_angles
+from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
 from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
 
@@ -184,9 +185,10 @@ class LogContents:
         size = self.rate_factor(self.columns[position], rate)
         return any(is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180))
 
-    def summary(self) -> list[str]:
-        """Lines on the file and each of its columns."""
-        size = max((len(name) for name in self.columns), default=0)
+    def summary(self, most: int = 100) -> list[str]:
+        """Lines on the file and on at most so many of its columns, those that change first."""
+        changing, names = dict(islice(self.columns.items(), most)), [f"{k} ({x:g})" for k, x in self.constant.items()]
+        size = max((len(name) for name in changing), default=0)
         headed = "" if all(each.header for each in self.layouts) else "; no header, so columns go by their numbers"
         lines = [
             f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
@@ -194,13 +196,13 @@ class LogContents:
         ]
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         lines += self.notes
-        lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in self.columns.items()]
+        lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in changing.items()]
+        lines += [f"  and {len(self.columns) - most} more that change"] if len(self.columns) > most else []
         if self.markers:
-            lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
-        if self.constant:
-            never = ", ".join(f"{name} ({value:g})" for name, value in self.constant.items())
-            lines.append(f"  never changing: {never}")
-        return lines + [f"  not read: {why}" for why in self.unread.values()]
+            lines.append(f"  positions of {len(self.markers)} markers: {listed(self.markers, most)}")
+        lines += [f"  never changing: {listed(names, most)}"] if names else []
+        lines += [f"  not read: {why}" for why in islice(self.unread.values(), most)]
+        return lines + ([f"  and {len(self.unread) - most} more not read"] if len(self.unread) > most else [])
 
     def without_markers(self, sites: Collection[str]) -> "LogContents":
         """The contents without positions of markers: of a file that holds markers, or named like sites of the model."""
@@ -290,7 +292,7 @@ def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         try:
             if not name.isprintable() or name != name.strip():
                 raise LogError(f"column {name!r} has a name that a mapping cannot hold.")
-            x = table.column(name, gaps=True)
+            x = table.column(name, FAR, gaps=True)
             if not np.isfinite(x).any():
                 raise LogError(f"column '{name}' is empty.")
             numbers[name] = x
@@ -307,11 +309,10 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         own = table.column(clock.names[0])
         # If times repeat or go back, the first ones are kept.
         table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        table = with_continuous_angles(
-            table, {name: WHOLE_TURNS for name in table.cells if name not in clock.names}, notes
-        )
         numbers, errors = _numbers(table)
-        channels = {name: x[:, None] for name, x in numbers.items() if name not in clock.names}
+        names = [name for name in numbers if name not in clock.names]
+        table = with_continuous_angles(table, dict.fromkeys(names, WHOLE_TURNS), notes)
+        channels = {name: table.column(name, FAR, gaps=True)[:, None] for name in names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
         texts = {name: {str(cell).strip() for cell in table.cells[name]} for name in errors}
         log.labels.update({name: next(iter(own)) for name, own in texts.items() if len(own) == 1})

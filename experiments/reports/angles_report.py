@@ -9,10 +9,9 @@ import mujoco
 import numpy as np
 
 from experiments.document import tabular
-from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.writer import sentences
+from experiments.document.writer import Document, Plot, sentences
 from experiments.studies.marker_angles import Angles
 from ident.display.plots import Figure
 from ident.files.atomic import save_arrays

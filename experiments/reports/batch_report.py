@@ -9,11 +9,10 @@ import numpy as np
 
 from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
 from experiments.document import pictures, symbols, tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations
-from experiments.document.writer import sentences
+from experiments.document.writer import Card, Document, Headline, Plot, sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies

@@ -10,12 +10,11 @@ import numpy as np
 
 from experiments.data.comparison import Difference, Result
 from experiments.document import pictures, symbols, tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.figures import SHEET, paper_style
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.document.writer import sentences
+from experiments.document.writer import Card, Document, Headline, Plot, sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL
@@ -121,12 +120,12 @@ def headline(pairs: Sequence[Difference]) -> Headline:
     return Headline(word, f"{of}{RELATIONS[word][0]}.", RELATIONS[word][1])
 
 
-def agreement(difference: Difference) -> str:
-    """Sentences on the agreement of two results."""
+def agreement(difference: Difference, *, first: bool = True) -> str:
+    """Sentences on the agreement of two results, without those that the first pair has for all."""
     either = dict.fromkeys((*difference.first.regrouping, *difference.second.regrouping))
     others = [name for name in either if name not in difference.names]
     within = np.abs(difference.comparison.difference) <= INTERVAL * difference.std_setup
-    return " ".join(sentences("compare.txt", pair=difference, within=within, others=others))
+    return " ".join(sentences("compare.txt", pair=difference, within=within, others=others, first=first))
 
 
 def figure(difference: Difference) -> Figure:
@@ -159,7 +158,8 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
     for number, (label, pair) in enumerate(zip(labels, pairs, strict=True), start=2):
         end = f"_{number}" if len(pairs) > 1 else ""
         tables[f"table_differences{end}"] = differences_table(pair)
-        texts[title(pair)] = f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair)
+        first = all(bool(each.shared) != bool(pair.shared) for each in pairs[: number - 2])
+        texts[title(pair)] = f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair, first=first)
         if not pair.shared:
             caption = f"Base parameters of {pair.first.name} less those of {pair.second.name}."
             drawn[f"figure_differences{end}"] = Plot(partial(figure, pair), caption)

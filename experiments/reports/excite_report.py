@@ -8,10 +8,9 @@ import numpy as np
 
 from experiments.data.paper import RANDOM_START
 from experiments.document import symbols, tabular
-from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import of_deviations
-from experiments.document.writer import sentences
+from experiments.document.writer import Document, Plot, sentences
 from experiments.studies.designed_excitation import Design
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies

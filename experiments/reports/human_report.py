@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.simulated_person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import of_small
+from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page
+from experiments.studies.person_on_plates import MOVED, PersonStudy
+from experiments.studies.person_recordings import Laboratory
 from ident.display.plots import Axes, Figure, few_decades
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL
@@ -126,20 +128,20 @@ OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES)
 
 def table_segments(study: PersonStudy) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
-    true = study.segments["true"]
-    moments, inertias = 1 + np.abs(true[:, 1:4]).argmax(axis=1), 4 + true[:, 4:7].argmax(axis=1)
-    rows: list[tuple[tabular.Cell, ...]] = [
-        (name, *(float(x[k, j]) for j in (0, moments[k], inertias[k]) for x in study.segments.values()))
-        for k, name in enumerate(study.true.bodies)
-    ]
-    heads, deviations = dict[str, str](), dict[str, str]()
-    for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²")):
-        for which in study.segments:
-            head = "s.d." if which == "std" else which
-            heads[f"{what}_{which}"] = f"{head}, {what.replace('_', ' ')} ({unit})"
+    true, every = study.segments["true"], np.arange(len(study.true.bodies))
+    places = {("mass", "kg"): 0, ("first_moment", "kg m"): 1 + np.abs(true[:, 1:4]).argmax(axis=1)}
+    places[("inertia", "kg m²")] = 4 + true[:, 4:7].argmax(axis=1)
+    columns: dict[str, Sequence[tabular.Cell]] = {"segment": study.true.bodies}
+    heads, deviations, digits = dict[str, str](), dict[str, str](), dict[str, tabular.Decimals]()
+    for (what, unit), place in places.items():
         deviations[f"{what}_estimate"] = f"{what}_std"
+        values = {which: x[every, place].tolist() for which, x in study.segments.items()}
+        columns |= {f"{what}_{which}": own for which, own in values.items()}
+        digits |= {f"{what}_{which}": of_small(values[which], values["std"]) for which in ("true", "prior")}
+        words = {which: "s.d." if which == "std" else which for which in values}
+        heads |= {f"{what}_{which}": f"{word}, {what.replace('_', ' ')} ({unit})" for which, word in words.items()}
     title = "Segments: mass, largest component of the first moment, and of the inertia about the joint"
-    return tabular.Table(title, ("segment", *heads), rows, deviations=deviations, heads=heads)
+    return tabular.Table(title, *tabular.columns(**columns), deviations=deviations, digits=digits, heads=heads)
 
 
 def table_prediction(study: PersonStudy) -> tabular.Table:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.document import rerun_file, tabular, writer
-from experiments.document.document import Card, Document, Headline, Plot
+from experiments.document import tabular, writer
+from experiments.document.replay import RERUN
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import of_deviations, of_numbers
+from experiments.document.tabular import of_deviations, of_small
 from experiments.document.terminal import sentences, wrapped
+from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
@@ -48,7 +49,7 @@ NOTHING = 1e-9
 FAR = 3.0
 """Distance from zero, in standard deviations, of an estimate whose relative standard deviation is shown."""
 
-OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
+OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", RERUN)
 """Patterns of the files that it writes."""
 
 
@@ -60,12 +61,6 @@ def parameters_table(result: Estimate) -> tabular.Table:
     model = [x if abs(x) > NOTHING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
     priors: list[float | None] = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(fit.names) - len(priors))
-    # As many decimals as the estimate has, or more to show two digits of small ones.
-    sizes = of_numbers(None if x is None else abs(x) for x in priors)
-    of_model = [
-        max((each for each in pair if each is not None), default=None)
-        for pair in zip(of_numbers(wider), sizes, strict=True)
-    ]
     lagging, footnote = _of_servos(result)
     far = abs(fit.values) > FAR * wider
     columns = {
@@ -89,7 +84,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         ),
         deviations={"estimate": "std_setup"},
         heads={"relative": "relative (%)"},
-        digits={"std": of_deviations(fit.std), "model": of_model, "relative": [1] * len(wider)},
+        digits={"std": of_deviations(fit.std), "model": of_small(priors, wider), "relative": [1] * len(wider)},
         marked=lagging,
         footnote=footnote,
         regrouped={"": base.expressions(digits=4)},

@@ -7,8 +7,8 @@ import numpy as np
 
 from experiments.data import paper
 from experiments.document import tabular
-from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
+from experiments.document.writer import Document, Plot
 from experiments.studies.pendulum_drawn import Drawing
 from ident.display.plots import Axes, Figure
 from ident.mechanism.tree import Tree

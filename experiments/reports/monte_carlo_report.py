@@ -10,15 +10,14 @@ from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
-from experiments.document.document import Document, Plot
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from experiments.document.writer import Document, Plot
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
 from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
-from ident.errors import InputError
 from ident.tolerances import INTERVAL
 
 MEANING = (
@@ -55,7 +54,10 @@ def table(
             predicted_std=distribution.predicted_std,
             coverage_95=distribution.coverage,
             paper_error=distribution.published,
-            paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in distribution.percentile.T],
+            paper_percentile=[
+                "" if np.isnan(paper) else f"{low:.0f} to {high:.0f}"
+                for paper, (low, high) in zip(distribution.published, distribution.percentile.T, strict=True)
+            ],
         ),
         # The paper's errors are as printed.
         digits={
@@ -186,9 +188,10 @@ CHARTED = ("condition_number", "largest_error", "axis_error_deg", "contact_peak_
 def sweep_table(sweep: Swept, names: Sequence[str]) -> tabular.Table:
     """Means and standard deviations over the seeds, a row for each number and value."""
     each = [(name, *pair) for name in names for pair in zip(sweep.values, sweep.numbers(name).T, strict=True)]
-    rows = [(name, str(value), *_statistics(column)) for name, value, column in each]
+    rows = [(name, str(value), *_counted(*_statistics(column))) for name, value, column in each]
     columns = ("number", sweep.option, "runs", "mean", "std")
-    title = f"Numbers over {tabular.heading(sweep.option)}, their means and standard deviations over the seeds"
+    several = len(sweep.runs) > len(sweep.values)
+    title = f"Numbers over {tabular.heading(sweep.option)}" + ", means and standard deviations of the seeds" * several
     words = {name: tabular.heading(name) for name in names}
     return tabular.Table(title, columns, rows, decimals=4, deviations={"mean": "std"}, names=words)
 
@@ -225,6 +228,11 @@ def _statistics(x: np.ndarray) -> tuple[int, float | None, float | None]:
     return len(known), mean, float(known.std(ddof=1)) if len(known) > 1 else None
 
 
+def _counted(runs: int, mean: float | None, std: float | None) -> tuple[tabular.Cell, ...]:
+    """The same with a mean that is a count without decimals, as a rank that is the same in all runs."""
+    return runs, int(mean) if mean is not None and not std and mean.is_integer() else mean, std
+
+
 def _label(name: str) -> str:
     """A name as a label: `axis_error_deg` becomes `Axis error (deg)`."""
     text = tabular.heading(name)
@@ -239,15 +247,10 @@ def sweep_document(sweep: Swept, title: str, numbers: Sequence[str], provenance:
         title: Title of the study.
         numbers: Names of the numbers that the chart shows; empty for those of `CHARTED`.
         provenance: Provenance of the results.
-
-    Raises:
-        InputError: There is no number of one of these names.
     """
     charted = {name: _label(name) for name in numbers or sweep.names if numbers or name.startswith(CHARTED)}
-    for name in charted:
-        if name not in sweep.names:
-            raise InputError(f"sweep.numbers needs names of {', '.join(sweep.names)}, got '{name}'.")
-    caption = f"{title} over {tabular.heading(sweep.option)}: numbers of each seed, and their means."
+    shown, seeds = ", ".join(map(tabular.heading, charted)), len(sweep.runs) > len(sweep.values)
+    caption = f"{title}: {shown} over {tabular.heading(sweep.option)}" + " of each seed, and their means" * seeds + "."
     return Document(
         tables={"table_sweep": sweep_table(sweep, sweep.names)},
         figures={"figure_sweep": Plot(partial(sweep_chart, sweep, charted), caption)},

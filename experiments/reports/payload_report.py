@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from experiments.document import tabular
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.document.writer import environment
+from experiments.document.writer import Card, Document, Headline, Plot, environment
 from experiments.reports import identify_page, identify_report
 from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length

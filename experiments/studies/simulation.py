@@ -182,12 +182,36 @@ class Swept:
     @property
     def names(self) -> list[str]:
         """Names of the numbers in the summaries, without the paper's."""
-        names = dict.fromkeys(name for run in self.runs for name, x in run.items() if isinstance(x, int | float))
-        return [name for name in names if not name.startswith("paper_") and name not in (self.option, "seed")]
+        return _names(self.runs, self.option)
 
     def numbers(self, name: str) -> np.ndarray:
         """A number for each seed and value (seeds, values); NaN if a summary lacks it."""
         return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
+
+
+def _names(runs: Iterable[Mapping[str, Any]], option: str) -> list[str]:
+    """Names of the numbers in some summaries, without the paper's, the option and the seed."""
+    names = dict.fromkeys(name for run in runs for name, x in run.items() if isinstance(x, int | float))
+    return [name for name in names if not name.startswith("paper_") and name not in (option, "seed")]
+
+
+def check_numbers(study: SimulatedStudy) -> None:
+    """Refuses names of numbers to chart over a sweep that no summary has, before there are any runs.
+
+    Raises:
+        InputError: There is one.
+    """
+    sweep = study.file.sweep
+    # Other contacts have other numbers.
+    if sweep is not None and sweep.option != "contact":
+        check_named(sweep.numbers, _names([summary(study)], sweep.option))
+
+
+def check_named(numbers: Iterable[str], names: Sequence[str]) -> None:
+    """Raises an InputError for a number of a chart that is not among these."""
+    for name in numbers:
+        if name not in names:
+            raise InputError(f"sweep.numbers needs names of {', '.join(names)}, got '{name}'.")
 
 
 def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
@@ -205,11 +229,13 @@ def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
     outcomes = replace(asked.workers, resume=resume).collected(partial(_run, file, sweep.option), runs, kept)
     results = [{sweep.option: value, "seed": seed, **x} for (value, seed), x in zip(runs, outcomes, strict=True)]
     refused = [run["refused"] for run in results if "refused" in run]
+    made = Swept(sweep.option, sweep.values, results)
     if len(refused) == len(results):
         raise InputError(f"The sweep refuses every run: {refused[0]}")
     for sentence in refused:
         print(f"Refused: {sentence}", file=sys.stderr)
-    return Swept(sweep.option, sweep.values, results)
+    check_named(sweep.numbers, made.names)
+    return made
 
 
 def _run(file: StudyFile, option: str, run: tuple[str | float, int]) -> dict[str, Any]:

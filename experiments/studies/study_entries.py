@@ -9,12 +9,23 @@ from typing import Any, get_type_hints
 
 import scenes
 from experiments.data import paper
-from experiments.data.study_displays import FIGURES, TABLES, WRENCHES, parameter_tables, several, shown, usual
-from experiments.data.study_file import ALL, Scene, StudyFile, StudyModel, Sweep
+from experiments.data.study_file import (
+    ALL,
+    FIGURES,
+    TABLES,
+    WRENCHES,
+    Scene,
+    StudyFile,
+    StudyModel,
+    Sweep,
+    parameter_tables,
+    several,
+    shown,
+    usual,
+)
 from ident.annotations import NotNegative
 from ident.errors import InputError, about
-from ident.files.limits import toml
-from ident.files.schema import check_keys, choice, made, table, value_of
+from ident.files.limits import check_keys, choice, made, table, toml, value_of
 from ident.files.table import short
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 

@@ -16,7 +16,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import read_markers
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person_prior import Person, with_person
-from ident.recordings.columns.entries import read_segments
+from ident.recordings.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from ident.recordings.several_clocks import files_of

@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import body_index
 from ident.mechanism.tree import Tree
-from ident.recordings.resolution import UNIFORM, quanta
+from ident.recordings.smoothing import UNIFORM, quanta
 from ident.tolerances import DRIVE_UNITS
 
 STRETCH = 1.2

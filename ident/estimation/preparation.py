@@ -25,12 +25,12 @@ from ident.model.axes import Axes, column_place
 from ident.model.regressor import drive_kinds
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.channels import suggested_mapping
 from ident.recordings.faults import covered, runs
 from ident.recordings.followers import moving
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.wrench import GROUND
-from ident.recordings.wrench_names import suggested_mapping
 
 Chosen = TypeVar("Chosen", bound=slice | np.ndarray, covariant=True)
 """A span of samples, or their indices."""

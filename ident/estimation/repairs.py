@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.faults import despiked, limits, moves
 from ident.recordings.recording import Recording
-from ident.recordings.resolution import at_rest, quantum
+from ident.recordings.smoothing import at_rest, quantum
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.tolerances import HUGE, TINY

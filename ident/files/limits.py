@@ -1,17 +1,23 @@
-"""Files of any origin: limits on what they may take in memory, errors for damage and for missing libraries."""
+"""Checks of files: their size, the libraries that read them, their text as JSON or TOML, and entries of settings."""
 
 import json
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ident.annotations import Point, as_array, fits, in_words, one_of
 from ident.errors import InputError, LogError
 from ident.files.column import UNITS
+from ident.files.table import short
+from ident.tolerances import HUGE
 
 LIMIT = 500_000_000
 """Default of the bytes that arrays may take in memory: a million samples of sixty channels."""
@@ -151,3 +157,122 @@ def checked_rate(rate: float, what: str) -> float:
     if not (np.isfinite(rate) and rate > 0):
         raise LogError(f"{what} needs to be positive, the file says {rate:g} Hz.")
     return float(rate)
+
+
+WORDS: Mapping[Any, str] = {bool: "true or false", float: "a number", Point: "a list of 3 numbers"}
+"""Types in words for readers of files, as far as they differ from Python's."""
+
+
+def made(kind: Any, where: str, entry: Any, **known: Any) -> Any:
+    """Data class of the entries of a table, each of them of its annotated type.
+
+    Args:
+        kind: The data class.
+        where: Name of the table in messages, "" for a whole file.
+        entry: The table.
+        known: Fields that have no entry.
+
+    Raises:
+        LogError: It is no table, an entry is unknown, missing or of another type, or the class refuses it.
+    """
+    title, hints = f"[{where}]" if where else "the file", get_type_hints(kind, include_extras=True)
+    own = [each for each in fields(kind) if each.name not in known]
+    check_keys(title, table(where or title, entry), [each.name for each in own])
+    needed = [each.name for each in own if each.default is MISSING and each.default_factory is MISSING]
+    if missing := [name for name in needed if name not in entry]:
+        raise LogError(f"{title} needs {', '.join(missing)}; it has {', '.join(map(short, entry)) or 'none'}.")
+    values = {key: value_of(f"{where}.{key}".lstrip("."), x, hints[key]) for key, x in entry.items()}
+    try:
+        return kind(**known, **values)
+    except InputError as error:
+        raise LogError(f"{title} {error}") from None
+
+
+def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
+    """Value of an annotated type: lists as tuples or arrays, tables as mappings or data classes.
+
+    Args:
+        where: Name of the entry in messages.
+        value: The entry.
+        hint: The annotation.
+        words: What is needed, for messages; by default the type.
+
+    Raises:
+        LogError: The entry is of another type, no number below `HUGE`, or a condition does not hold.
+    """
+    origin, args = get_origin(hint) or hint, get_args(hint)
+    if origin is Annotated:
+        out = value_of(where, value, args[0], words or args[1].words)
+        if args[1].holds(out):
+            return out
+    elif origin in (Union, UnionType) and NoneType in args:
+        return None if value is None else value_of(where, value, args[0], words)
+    elif is_dataclass(origin):
+        return made(origin, where, value)
+    elif origin is Mapping and isinstance(value, Mapping):
+        return {key: value_of(f"{where}.{short(key)}", x, args[1], words) for key, x in value.items()}
+    elif origin is tuple and isinstance(value, list) and (args[-1] is Ellipsis or len(args) == len(value)):
+        kinds = args[:1] * len(value) if args[-1] is Ellipsis else args
+        tables = [f" {k}" if is_dataclass(kind) else "" for k, kind in enumerate(kinds, start=1)]
+        return tuple(value_of(where + at, x, kind, words) for at, x, kind in zip(tables, value, kinds, strict=True))
+    elif origin is np.ndarray and isinstance(value, list) and (array := as_array(value)) is not None:
+        if (np.abs(array) < HUGE).all():
+            return array.astype(float)
+    elif isinstance(origin, type) and origin not in (tuple, np.ndarray) and fits(value, hint):
+        if origin is not float:
+            return value
+        if abs(value) < HUGE:
+            return float(value)
+    if origin is Mapping:
+        words = words or ("a table of tables" if is_dataclass(args[1]) else "a table of entries")
+    elif args and (is_dataclass(args[0]) or get_origin(args[0]) is Mapping):
+        words = words or "a list of tables"
+    needed = words or WORDS.get(hint) or in_words(hint)
+    raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {short(value)}.")
+
+
+def choice(where: str, value: Any, choices: Collection[str]) -> str:
+    """The value, checked to be one of the choices; raises as `value_of`."""
+    return str(value_of(where, value, Annotated[str, one_of(choices)]))
+
+
+def table(where: str, value: Any) -> Mapping[str, Any]:
+    """The value, checked to be a table of entries.
+
+    Raises:
+        LogError: It is none; likewise for all functions here.
+    """
+    if not isinstance(value, dict):
+        raise LogError(f"{where} needs a table of entries, got {short(value)}.")
+    return value
+
+
+def check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
+    """Refuses unknown keys."""
+    for key in entry:
+        if key not in choices:
+            raise LogError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")
+
+
+def vector(where: str, value: Any, size: int) -> np.ndarray:
+    """A list of `size` numbers as an array (size,)."""
+    numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
+    if not numbers or len(value) != size:
+        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
+    return np.array(value, float)
+
+
+def pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
+    """Pose from an entry's `position` and its `quaternion` or `rpy_deg` (4, 4)."""
+    if "quaternion" in entry and "rpy_deg" in entry:
+        raise LogError(f"[{where}] needs a quaternion or rpy_deg, got both.")
+    T = np.eye(4)
+    T[:3, 3] = vector(f"{where}.position", entry.get("position", [0, 0, 0]), 3)
+    if "rpy_deg" in entry:
+        T[:3, :3] = Rotation.from_euler("xyz", vector(f"{where}.rpy_deg", entry["rpy_deg"], 3), True).as_matrix()
+        return T
+    quaternion = vector(f"{where}.quaternion", entry.get("quaternion", [1, 0, 0, 0]), 4)
+    if not 0.99 < np.linalg.norm(quaternion) < 1.01:
+        raise LogError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
+    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    return T

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.files import bag, c3d, lerobot
+from ident.files.arrays import JSON_LINES, json_tables, mat_tables, parquet_tables
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
 from ident.files.csv_file import Layout, csv_pieces, storage_tables, write_csv
-from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet
 from ident.files.limits import LIMIT
 from ident.files.markers import Markers, trc_markers
 from ident.files.npz import npz_pieces, write_npz
@@ -29,9 +30,9 @@ Read = Callable[[Path, int], list[Table]]
 ONE_CLOCK: Mapping[str, Read] = {
     **dict.fromkeys((".mot", ".sto"), storage_tables),
     ".trc": lambda path, limit: [trc_markers(path, limit).table],
-    ".parquet": parquet.tables,
-    ".mat": mat.tables,
-    **dict.fromkeys(json_lines.SUFFIX, json_lines.tables),
+    ".parquet": parquet_tables,
+    ".mat": mat_tables,
+    **dict.fromkeys(JSON_LINES, json_tables),
     lerobot.INFO: lerobot.tables,
 }
 """Readers of what is one table, by the end of its name or, for a dataset's episode, the file that marks the folder."""
@@ -158,7 +159,7 @@ def _refusal(path: Path) -> LogError:
         return LogError("there is no such file; check its path and its name.")
     if path.is_dir():
         return LogError(f"the folder needs {BAG_FOLDER} of a ROS 2 bag or {lerobot.INFO} of a LeRobot dataset.")
-    others = [end for end in (*ONE_CLOCK, *SEVERAL_CLOCKS) if end[0] == "." and end not in json_lines.SUFFIX[1:]]
+    others = [end for end in (*ONE_CLOCK, *SEVERAL_CLOCKS) if end[0] == "." and end not in JSON_LINES[1:]]
     return LogError(f"logs end in {', '.join((*TEXT[:3], '.npz', *others))}, or are ROS 2 or LeRobot folders.")
 
 

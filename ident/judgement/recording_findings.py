@@ -12,7 +12,7 @@ from ident.estimation.recorded_motion import WIDTH
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import FAR_ABOVE, fast_noise
-from ident.recordings.resolution import UNIFORM
+from ident.recordings.smoothing import UNIFORM
 
 MOST = 0.5
 """Share of a signal's noise variance due to its steps above which there is a remark."""

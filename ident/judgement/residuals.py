@@ -10,7 +10,7 @@ from ident.estimation.noise import autocovariance
 from ident.estimation.preparation import Prepared
 from ident.mechanism.mechanism import out_of_plane
 from ident.mechanism.motion import Motion
-from ident.recordings.resolution import NOISE_ALONE, white_noise
+from ident.recordings.smoothing import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
 from ident.tolerances import LEFT, POOR, SIGNIFICANT
 from ident.trajectory.left_out import of_contacts

@@ -47,14 +47,19 @@ class InWords(Formatter):
             return ""
         if isinstance(value, Mapping):
             what, _, form = format_spec.rpartition(" ")
-            return bracketed(value, what, form)
+            return bracketed({name: _read(own) for name, own in value.items()}, what, form)
         if not isinstance(value, list | tuple):
             return percent(value) if format_spec == "%" else format(value, format_spec)
         if format_spec == "arguments":
             return " ".join(own if isinstance(own, str) else f"{own:g}" for own in value)
         if not all(isinstance(own, str) for own in value):
-            return listed(format(own, format_spec) for own in value)
+            return listed(format(_read(own), format_spec) for own in value)
         return named(value) if format_spec == "each" else listed(value, format_spec)
+
+
+def _read(number: Any) -> Any:
+    """A number as it was before JSON, which has no NaN."""
+    return float("nan") if number is None else number
 
 
 def listed(names: Iterable[str], what: str = "") -> str:

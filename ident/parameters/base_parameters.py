@@ -1,6 +1,6 @@
 """Base parameters, the identifiable combinations of φ: rank, selection of independent columns, regrouping (Eq. 4)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.annotations import WORDS, typed
-from ident.arguments import check_type
+from ident.arguments import check_type, described
 from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
@@ -159,6 +159,9 @@ def find_base_parameters(
         InputError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
             the pinned set no basis, or the kept columns do not reproduce the others.
     """
+    for where, given in (("parameters", parameters), ("kept", kept)):
+        if not isinstance(given, Collection | None) or not all(isinstance(name, str) for name in given or ()):
+            raise InputError(f"{where} needs a list of names of parameters, got {described(given)}.")
     if isinstance(source, np.ndarray):
         return _of_regressor(source, 1.0, _names(parameters, source.shape[-1]), kept)
     mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source

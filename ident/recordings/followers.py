@@ -12,8 +12,8 @@ from ident.mechanism.body import Follower
 from ident.mechanism.closure import Closure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
-from ident.recordings.resolution import white_noise
+from ident.recordings.mapping import ColumnMapping, check_no_column_twice
+from ident.recordings.smoothing import white_noise
 
 if TYPE_CHECKING:
     from ident.recordings.recording import Recording

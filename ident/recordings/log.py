@@ -15,20 +15,19 @@ from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS
 from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
-from ident.files.selection import counted, selected
 from ident.files.table import BASE, TRUE, TYPES, InMemory, Table, in_pieces, kind_of, table_of
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.channels import NoPositionError, read_channels, with_names
-from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
+from ident.recordings.channels import NoPositionError, misspelt, read_channels, with_names
+from ident.recordings.entries import counted, selected
+from ident.recordings.faults import check_angles, check_rates, unit_of_force, with_servos
 from ident.recordings.followers import follower_notes, moved
-from ident.recordings.plausibility import check_angles, check_rates, unit_of_force, with_servos
+from ident.recordings.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.recording import Recording, poses
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.stated import annotations
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled
 from ident.recordings.wrench import GROUND
-from ident.recordings.wrench_names import misspelt
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""

@@ -13,10 +13,10 @@ from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.csv_file import Layout
 from ident.files.readers import TEXT, has_several_clocks, is_bag, is_log, read_clocks, read_tables
-from ident.files.selection import EPOCH, counted, selected
 from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
-from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
+from ident.recordings.entries import EPOCH, counted, selected
+from ident.recordings.mapping import ColumnMapping, check_text_alone
 from ident.recordings.times import TIME, Repaired, Sampled, streams_of, together
 
 USUAL = ("time", "t")

@@ -10,8 +10,8 @@ from ident.errors import LogError
 from ident.files.table import Table
 from ident.geometry.se3 import inverse
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.columns.plates import Plate
 from ident.recordings.faults import runs
+from ident.recordings.plates import Plate
 from ident.recordings.recording import Recording
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base

@@ -12,14 +12,14 @@ import numpy as np
 from ident.annotations import Needs, NotNegative, Positive, typed
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
+from ident.files.limits import made, value_of
 from ident.files.readers import read_tables, write_channels
-from ident.files.schema import made, value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.entries import Row
+from ident.recordings.entries import Row
 from ident.recordings.wrench import Sensor
 
 GAINS = ("kp", "kv")

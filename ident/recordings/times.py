@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
 from ident.files.column import Columns
-from ident.files.selection import EPOCH
 from ident.files.table import BASE, Table
 from ident.mechanism.body import is_rigid
+from ident.recordings.entries import EPOCH
 from ident.recordings.stated import untracked
 
 GAP = 1.5

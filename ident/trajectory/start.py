@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import channel_scales, least_noise, rounding
-from ident.recordings.resolution import at_rest, white_noise
+from ident.recordings.smoothing import at_rest, white_noise
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.piece import Noise, Piece, channel_times

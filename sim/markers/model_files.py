@@ -13,8 +13,7 @@ from ident.annotations import Needs, Point, Positive, one_of
 from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
-from ident.files.limits import toml
-from ident.files.schema import made
+from ident.files.limits import made, toml
 from ident.mechanism.body import BASE, Body, Follower
 from sim.models.inertials import OVERRIDING
 from sim.models.model_update import set_asset_folders

@@ -19,7 +19,7 @@ from docs.tools.noise.recordings import sinusoids
 from experiments import mechanism
 from experiments.cli import options, running
 from experiments.cli.command import COMMANDS
-from experiments.document.provenance import version
+from experiments.document.result_folder import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
@@ -51,6 +51,17 @@ def test_what_users_do_wrong_is_one_sentence(capsys, error):
 def test_an_error_of_a_file_is_its_name_and_what_is_wrong(capsys):
     error = OSError(36, "File name too long", "a.csv")
     assert refusal(main_of(error), [], capsys) == f"{COMMAND}: error: a.csv: File name too long.\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere pipes end otherwise")
+def test_a_closed_pipe_ends_quietly(tmp_path):
+    words = ["mechanism", "--formats", "none", "--out", str(tmp_path)]
+    code = f"import sys; from experiments.cli.command import main; sys.exit(main({words}))"
+    here, there = os.pipe()
+    os.close(here)
+    ended = subprocess.run([sys.executable, "-c", code], stdout=there, stderr=subprocess.PIPE, text=True)
+    os.close(there)
+    assert (ended.returncode, ended.stderr) == (141, "") and (tmp_path / "table_1.csv").exists()
 
 
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from experiments.document import pictures, symbols
-from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.tabular import Table
-from experiments.document.writer import Output, environment, written
+from experiments.document.writer import Card, Document, Headline, Output, Plot, environment, written
 from experiments.reports import index
 
 

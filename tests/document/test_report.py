@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from experiments.document import print_table, provenance, result_folder, tabular
-from experiments.document.document import Card, Document
+from experiments.document import print_table, result_folder, tabular
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.terminal import WIDTH, wrapped
+from experiments.document.writer import Card, Document
 from ident.display import plots
 from ident.files.atomic import PARTIAL
 
@@ -188,15 +188,16 @@ def test_spectra_are_welchs(samples):
 
 
 def test_the_provenance_has_the_kernels_and_a_remark_where_they_are_slow(monkeypatch, tmp_path):
-    own = provenance.provenance({})["linear_algebra"]
-    assert own["openblas_kernels"] == provenance.kernels()
-    monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert provenance.kernels() == {}
-    monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
-    assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None
-    monkeypatch.setattr(provenance, "kernels", lambda: {"scipy": "Haswell"})
-    monkeypatch.setattr(provenance, "features", lambda: {"avx512f"})
-    remark = provenance.provenance({})["linear_algebra"]["remark"]
+    own = result_folder.provenance({})["linear_algebra"]
+    assert own["openblas_kernels"] == result_folder.kernels()
+    monkeypatch.setattr(result_folder.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
+    assert result_folder.kernels() == {}
+    monkeypatch.setattr(result_folder.Path, "read_text", lambda *_, **__: "processor: 0")
+    assert result_folder.features() == set()
+    assert result_folder.advice(result_folder.kernels(), result_folder.features()) is None
+    monkeypatch.setattr(result_folder, "kernels", lambda: {"scipy": "Haswell"})
+    monkeypatch.setattr(result_folder, "features", lambda: {"avx512f"})
+    remark = result_folder.provenance({})["linear_algebra"]["remark"]
     assert remark.startswith("The OpenBLAS of scipy uses its kernels for Haswell")
 
 

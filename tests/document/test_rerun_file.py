@@ -9,8 +9,7 @@ from pages import options
 
 import scenes
 from experiments import identify
-from experiments.document import rerun_file
-from experiments.document.replay import Replay
+from experiments.document.replay import Replay, write_rerun
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
@@ -52,7 +51,7 @@ def contents(path):
 def written(tmp_path_factory):
     pytest.importorskip("rerun", reason="rerun-sdk is in the extra 'rerun'")
     path = tmp_path_factory.mktemp("rerun") / "replay.rrd"
-    rerun_file.write_rerun(replay(), path)
+    write_rerun(replay(), path)
     return contents(path)
 
 

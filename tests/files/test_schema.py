@@ -15,11 +15,11 @@ from experiments.studies import study_entries
 from ident.annotations import NotNegative, Point, Positive, Vector, one_of
 from ident.errors import InputError
 from ident.files.atomic import replacing
-from ident.files.schema import made
+from ident.files.limits import made
 from ident.files.table import Table
 from ident.mechanism.body import Body
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.mapping import read_mapping
+from ident.recordings.mapping import read_mapping
 from sim.markers.model_files import read_settings
 
 

@@ -21,7 +21,7 @@ from experiments.runs.workers import Checkpoint
 from ident.errors import InputError, LogError
 from ident.estimate import Estimate
 from ident.files import csv_file
-from ident.files.formats.bag import largest_chunk
+from ident.files.bag import largest_chunk
 from ident.files.readers import read_clocks, read_tables
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
@@ -94,7 +94,7 @@ def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
     from pyarrow import parquet
 
-    from ident.files.formats.parquet import size_of
+    from ident.files.arrays import size_of
 
     n = 3_000_000
     values = pyarrow.array(np.zeros(n))

@@ -17,8 +17,8 @@ from experiments.guesses.belief import DOUBTFUL, toml_text
 from experiments.guesses.guess import believed
 from ident.files.column import CURRENT
 from ident.model.regressor import joint_torque_regressor
-from ident.recordings.columns.mapping import read_mapping
-from ident.recordings.columns.plates import AUTO
+from ident.recordings.mapping import read_mapping
+from ident.recordings.plates import AUTO
 
 
 def judged(log, folder):

@@ -17,8 +17,8 @@ from experiments.guesses.words import words
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.mapping import read_mapping
-from ident.recordings.wrench_names import wrench_groups
+from ident.recordings.channels import wrench_groups
+from ident.recordings.mapping import read_mapping
 
 JOINTS = ("joint1", "joint2")
 

@@ -201,6 +201,12 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
 
 
+def test_numbers_that_json_does_not_have_are_nan():
+    finding = Finding("breakaway_friction", {"velocities": {"hip": 0.05}, "at_rest": {"hip": float("nan")}}, False)
+    read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))["values"]
+    assert FINDINGS["breakaway_friction"].rendered(read) == finding.text and "hip (nan)" in finding.text
+
+
 def names(template):
     """Names in a template, those in its formats among them."""
     for _, name, spec, _ in Formatter().parse(template):

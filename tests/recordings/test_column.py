@@ -13,9 +13,9 @@ import ident
 import sim
 from ident.errors import LogError
 from ident.files.column import UNITS
-from ident.recordings.columns.entries import couplings
+from ident.recordings.entries import couplings
+from ident.recordings.faults import unwrapped
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.plausibility import unwrapped
 
 R = np.array([[2.0, 0.5], [-0.25, 4.0]])
 

@@ -4,9 +4,9 @@ from malformed_logs import DQ, JOINTS, LEG, PLAIN, WRENCH, N, Q, T, leg, read, r
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.recordings.channels import suggested_mapping
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
-from ident.recordings.wrench_names import suggested_mapping
 
 
 def positions(log):

@@ -7,8 +7,7 @@ from scipy import ndimage, signal
 from ident.recordings import faults as module
 from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
 from ident.recordings.recording import Recording
-from ident.recordings.resolution import quantum
-from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, settling, smoothed
+from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, quantum, settling, smoothed
 from ident.recordings.times import Sampled
 
 RATE = 100.0

@@ -2,6 +2,8 @@
 
 import json
 import re
+import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from guesses.odd_logs import arm, laboratory, motors, write
 import ident
 import scenes
 from experiments import columns, identify
+from experiments.studies.person_recordings import Laboratory, recorded
 
 MODEL = next(iter(scenes.__path__)) + "/double_pendulum.xml"
 
@@ -43,6 +46,38 @@ def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
     assert re.fullmatch(r"python -m experiments\.columns: error: '.*' is there already; --force .*\n", message)
     assert path.with_suffix(".toml").read_text() == "# mine"
     assert columns.main([*arguments, "--force"]) == 0 and path.with_suffix(".toml").read_bytes() == first
+
+
+def test_plates_under_a_person_rest_in_the_world(tmp_path, capsys):
+    """Angles with the poses of the base beside forces of two plates, without the plates' places."""
+    motion = recorded("squats", 1.0, 0, Laboratory(rate=50.0, rail=False))
+    log, model = tmp_path / "angles.csv", tmp_path / "person.xml"
+    replace(motion, sensors={}, setup={}).save(log)
+    model.write_text(scenes.load("humanoid").to_xml(), encoding="utf-8")
+    arguments = [str(model), str(log), "--base", "pelvis"]
+    message = refusal(identify.main, [*arguments, "--out", str(tmp_path)], capsys)
+    assert "Nothing holds the base, so that a wrench on a body or a joint torque is needed, and none" in message
+    assert "columns that are not used are left_force.x, left_force.y, left_force.z" in message
+    assert columns.main(arguments) == 0 and "Open:" not in (printed := capsys.readouterr().out)
+    assert "not used" not in printed
+    wrenches = tomllib.loads((tmp_path / "angles.toml").read_text(encoding="utf-8"))["wrenches"]
+    assert {name: (each["frame"], each["on"]) for name, each in wrenches.items()} == {
+        side: ("world", f"{side}_foot") for side in ("left", "right")
+    }
+
+
+def test_few_of_many_columns_are_listed(tmp_path, capsys):
+    path, _ = write(tmp_path, laboratory)
+    header, *rows = path.read_text().splitlines()
+    wide = [";".join([header, *(f"x{k}" for k in range(300))])]
+    wide += [
+        ";".join([row, *(str(0.1 * (i + k) ** 2 % 7).replace(".", ",") for k in range(300))])
+        for i, row in enumerate(rows)
+    ]
+    path.write_text("\n".join(wide), encoding="utf-8")
+    assert columns.main([MODEL, str(path), "--base", "base"]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 180
 
 
 def test_other_logs_need_the_same_columns(tmp_path, capsys):

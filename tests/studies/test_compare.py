@@ -93,9 +93,22 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     assert "'a' and 'b' share logs: their difference has no interval." in output
     assert "of a less those of b, SI units\n" in output
     assert "✕ Differ. 1 of 2 results beside 'a' differ by more than noise." in output
-    assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
+    assert "Both were fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
     assert not (tmp_path / "out" / "figure_differences_2.svg").exists()
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
+
+
+def test_logs_of_one_name_go_by_their_paths(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(writer, "write_page", lambda *_: None)
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "abc"]
+    for folder in folders:
+        file = folder / "provenance.json"
+        origin = json.loads(file.read_text())
+        origin["recording"]["logs"][0]["file"], origin["options"]["logs"] = "run.csv", [f"{folder.name}/run.csv"]
+        file.write_text(json.dumps(origin))
+    first, _ = run(tmp_path, *folders, more=["--formats", "none"])
+    assert first["settings"]["logs"] == ["a/run.csv (a)", "b/run.csv (b)"]
+    assert capsys.readouterr().out.count("If logs are independent") == 1, "once for all pairs"
 
 
 def test_parameters_that_mean_something_else_are_not_compared(tmp_path):

@@ -19,7 +19,7 @@ from stand_ins import leave_undrawn
 
 import scenes
 from experiments import identify
-from experiments.document.document import Card
+from experiments.document.writer import Card
 from experiments.reports import identify_report
 from experiments.studies.user_files import prepare
 from ident.estimate import Estimate

@@ -13,7 +13,7 @@ from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
 from experiments.document.figures import SHEET
-from experiments.reports import study_figures
+from experiments.reports import study_report
 from experiments.studies import simulation
 from ident.errors import ExcitationError
 
@@ -112,7 +112,7 @@ def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, c
 
 
 def test_figures_show_what_their_captions_say(study):
-    figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
+    figure, magnitudes = (study_report.figure(study, name) for name in ("figure_2", "figure_3"))
     assert figure.get_figwidth() == SHEET.column
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
@@ -140,7 +140,7 @@ def test_figures_show_what_their_captions_say(study):
         # Both models' running means are visible where they are equal: the later one is thinner, and dashed.
         under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
         assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
-        half = study_figures.WINDOW // 2
+        half = study_report.WINDOW // 2
         window = slice(500 - half, 501 + half)
         assert over.get_ydata()[500] == pytest.approx(np.sqrt((expected[window] ** 2).mean()), rel=1e-9)
         assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: half + 1] ** 2).mean()))

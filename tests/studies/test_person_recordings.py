@@ -8,9 +8,8 @@ import pytest
 import random_models
 
 import scenes
-from experiments.data.simulated_person import Laboratory
 from experiments.reports.human_report import measured
-from experiments.studies.person_recordings import BASE, SENSORS, Faults, drawn, humanoid, moved, recorded
+from experiments.studies.person_recordings import BASE, SENSORS, Faults, Laboratory, drawn, humanoid, moved, recorded
 from ident.recordings.wrench import transform_wrench
 from sim.models.model_mechanism import mechanism
 

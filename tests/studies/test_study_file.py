@@ -217,6 +217,7 @@ def test_a_study_file_states_a_sweep(tmp_path, capsys):
     assert (noisy["noise_scale"], noisy["runs"], refused["runs"], refused["mean"]) == ("1.0", "2", "0", "")
     assert float(noisy["mean"]) == np.mean(errors)
     assert float(noisy["std"]) == pytest.approx(np.std(errors, ddof=1))
+    assert [row["mean"] for row in rows_of(out, "rank_one")] == ["13", "13", ""], "counts have no decimals"
     assert float(exact["mean"]) < 1e-3 * float(noisy["mean"])
 
 
@@ -228,9 +229,11 @@ def test_a_study_file_states_a_sweep(tmp_path, capsys):
         ("[0, 2.5]", "[0, -5]", "sweep.values needs a number of at least 0, got -5"),
         ("seeds = 2", "seeds = 0", "sweep.seeds needs a whole number of at least 1, got 0"),
         ("seeds = 2", "more = 1", "[sweep] has no entry 'more'"),
+        ("seeds = 2", 'numbers = ["x"]', "sweep.numbers needs names of condition_number_one, rank_one, rows_one"),
     ],
 )
 def test_wrong_entries_are_refused(tmp_path, capsys, old, new, message):
     text = SWEEP.replace("[0, 1, 2000]", "[0, 2.5]").replace(old, new)
     (tmp_path / "own.toml").write_text(text, encoding="utf-8")
     assert message in refusal(study.main, [str(tmp_path / "own.toml"), "--out", str(tmp_path / "out")], capsys)
+    assert not (tmp_path / "out").exists(), "before anything runs or is written"

@@ -7,9 +7,8 @@ from functools import partial
 from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS
 from experiments.cli import options, running
-from experiments.document.document import Document
-from experiments.document.provenance import provenance
-from experiments.document.writer import write
+from experiments.document.result_folder import provenance
+from experiments.document.writer import Document, write
 from experiments.runs.workers import Checkpoint
 from ident.errors import InputError
 

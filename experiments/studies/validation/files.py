@@ -15,8 +15,7 @@ from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.display.brief import listed
 from ident.errors import InputError
-from ident.files.limits import toml
-from ident.files.schema import made
+from ident.files.limits import made, toml
 
 
 def columns_file(name: str, kind: str = "columns") -> Path:

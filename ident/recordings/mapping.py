@@ -9,15 +9,15 @@ from ident.arguments import OF_BODIES, checked_by_joint, checked_deviations, che
 from ident.errors import LogError, about
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
-from ident.files.limits import toml
-from ident.files.schema import check_keys, choice, pose, table, value_of
-from ident.files.selection import Selection, clock_of_rate
+from ident.files.limits import check_keys, choice, pose, table, toml, value_of
 from ident.files.table import short
 from ident.mechanism.body import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns import plates
-from ident.recordings.columns.entries import (
+from ident.recordings import plates
+from ident.recordings.entries import (
+    Selection,
+    clock_of_rate,
     clocks,
     factor_of,
     joints_of_motors,
@@ -27,7 +27,7 @@ from ident.recordings.columns.entries import (
     several,
     single,
 )
-from ident.recordings.columns.plates import LOADS, Plate, external_loads
+from ident.recordings.plates import LOADS, Plate, external_loads
 from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP

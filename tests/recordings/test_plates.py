@@ -14,9 +14,9 @@ from ident.geometry.se3 import pose
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.entries import read_segments
-from ident.recordings.columns.plates import external_loads
+from ident.recordings.entries import read_segments
 from ident.recordings.log import read_log
+from ident.recordings.plates import external_loads
 from ident.recordings.recording import Recording
 
 
@@ -244,8 +244,11 @@ BAD = {
     "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is stated by 'on'"),
     "no body": ('frame = "world"', "wrenches.p.on needs one of pelvis"),
     "unknown body": ('frame = "world"\non = "hand"', "arm, auto; got hand"),
-    "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
-    "twice": ('frame = "world"\non = "auto"\namong = ["arm", "arm"]', "among needs a list of the two bodies or more"),
+    "alone": ('frame = "world"\non = "auto"', 'wrenches.p.among, which on = "auto" needs, is a list of the two bodies'),
+    "twice": (
+        'frame = "world"\non = "auto"\namong = ["arm", "arm"]',
+        "is a list of the two bodies or more that may be on it",
+    ),
     "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs one of pelvis"),
     "among one": ('frame = "world"\non = "arm"\namong = ["arm", "foot_r"]', 'among belongs to on = "auto"; got on ='),
     "turned world": ('frame = "world"\non = "arm"\nrpy_deg = [0, 0, 9]', "'rpy_deg' would turn them: say frame"),

@@ -11,7 +11,7 @@ import numpy as np
 from ident.annotations import NotNegative
 from ident.arguments import is_number
 from ident.errors import LogError, about
-from ident.files import schema
+from ident.files import limits
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
 from ident.recordings.wrench import GROUND, Sensor
@@ -75,7 +75,7 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
         LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
     """
     where = f"wrenches.{name}"
-    frame = schema.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
+    frame = limits.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
     if frame == "body":
         if extra := [key for key in KEYS[1:] if key in entry]:
             raise LogError(f'[{where}] has \'{extra[0]}\', which takes a frame that rests: "plate" or "world".')
@@ -83,7 +83,7 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     on, point = _bodies(name, entry, bodies), _point(where, entry)
     pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
     usual = THRESHOLD if point is not None or len(on) > 1 else 0.0
-    low = schema.value_of(
+    low = limits.value_of(
         f"{where}.threshold", entry.get("threshold", usual), NotNegative, "a force in N, zero or more"
     )
     expected = entry.get("expected", "")
@@ -138,11 +138,14 @@ def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple
             raise LogError(f"[{where}] needs no 'on': the ground acts at the base; got {short(on)}.")
         return ()
     if on != AUTO:
-        return (schema.choice(f"{where}.on", on, (*bodies, AUTO)),)
+        return (limits.choice(f"{where}.on", on, (*bodies, AUTO)),)
     among = entry.get("among")
     if not isinstance(among, list) or len(among) < 2 or any(among.count(body) > 1 for body in among):
-        raise LogError(f"{where}.among needs a list of the two bodies or more that may be on it, got {short(among)}.")
-    return tuple(schema.choice(f"{where}.among", body, bodies) for body in among)
+        raise LogError(
+            f'{where}.among, which on = "{AUTO}" needs, is a list of the two bodies or more that may be on it, as '
+            f"{short(list(bodies[-2:]))}; got {'none' if among is None else short(among)}."
+        )
+    return tuple(limits.choice(f"{where}.among", body, bodies) for body in among)
 
 
 def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
@@ -168,7 +171,7 @@ def _in_world(where: str, entry: Mapping[str, Any]) -> np.ndarray:
         raise LogError(f"[{where}] is in the world's axes, and '{extra[0]}' would turn them: say frame = \"plate\".")
     if "point" in entry and "position" in entry:
         raise LogError(f"[{where}] has its point in the world's frame, which leaves no use for 'position'.")
-    return schema.pose(where, entry)
+    return limits.pose(where, entry)
 
 
 def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
@@ -177,14 +180,14 @@ def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
             raise LogError(f"[{where}] needs the plate's pose in the world: 'position' with a rotation, or 'corners'.")
         if "origin" in entry:
             raise LogError(f"{where}.origin belongs to 'corners'; 'position' says where the frame's origin is.")
-        return schema.pose(where, entry)
+        return limits.pose(where, entry)
     if extra := [key for key in ("position", "quaternion", "rpy_deg") if key in entry]:
         raise LogError(f"[{where}] needs 'corners' or '{extra[0]}', got both.")
     corners = entry["corners"]
     if not isinstance(corners, list) or len(corners) != 4:
         raise LogError(f"{where}.corners needs four points [x, y, z] in the world, m, got {short(corners)}.")
-    T = pose_of_corners(f"{where}.corners", np.array([schema.vector(f"{where}.corners", x, 3) for x in corners]))
-    T[:3, 3] += T[:3, :3] @ schema.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
+    T = pose_of_corners(f"{where}.corners", np.array([limits.vector(f"{where}.corners", x, 3) for x in corners]))
+    T[:3, 3] += T[:3, :3] @ limits.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
     return T
 
 

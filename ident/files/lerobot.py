@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.formats.parquet import numbers, size_of
+from ident.files.arrays import numbers, size_of
 from ident.files.limits import LIMIT, NUMBER, check_size, library, parsed_json, undamaged
 from ident.files.table import Table
 

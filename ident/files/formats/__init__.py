@@ -1,1 +1,0 @@
-"""Readers of other programs' files, one module for each format, into tables of named columns."""

@@ -1,1 +1,0 @@
-"""The columns file: a mapping from the columns of a log to joints, wrenches and the base."""
