@@ -523,7 +523,7 @@ CALLS = {
     "columns in a list": (lambda: mc.identify(ARM, "run.csv", columns=["a"]), "columns needs the path of a TOML file"),
     "a log without a mechanism": (lambda: mc.read_log("run.csv", "arm.xml"), f"mechanism {MECHANISM} 'arm.xml'"),
     "a path to regroup": (lambda: mc.find_base_parameters("arm.xml"), f"source {MECHANISM} 'arm.xml'"),
-    "a path as a log": (lambda: mc.identify_payload(ARM, "a", body="a", sensor="b"), "recording[0] needs a Recording"),
+    "a path as a log": (lambda: mc.identify_payload(ARM, "a", body="a", sensor="b"), "needs a Recording"),
     "an estimate as bodies": (lambda: mc.write_model("a.xml", PENDULUM, driven_arm.quick()), "estimate.consistent();"),
     "no bodies": (lambda: mc.write_model("new.xml", PENDULUM, None), "need 30 finite parameters, got shape"),
     "a mechanism as a path": (lambda: mc.write_model(ARM, "new.xml", None), "path needs the path of a file to write"),

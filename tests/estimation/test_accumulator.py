@@ -2,6 +2,8 @@
 
 import tracemalloc
 from dataclasses import replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 import pytest
@@ -80,6 +82,21 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
         errors.append([np.linalg.norm(psi - exact) / np.linalg.norm(exact) for psi in solutions])
     lapacks, whole, in_pieces = np.sum(errors, axis=0)
     assert max(whole, in_pieces) <= max(2 * lapacks, 5e-14)
+
+
+def test_accumulators_add_in_any_order():
+    sizes = (1.0, 1e-6, 0.1, 2.0, 1e-3)
+    parts = [moved_by(size, 50 + 40 * k, seed=k, tree=TILTED) for k, size in enumerate(sizes)]
+    known = equations(TILTED)
+    a, b, c, d, e = own = [accumulate(known, part) for part in parts]
+    left = (a + b) + (c + (d + e))
+    first = solve(left, known)
+    assert left.samples == sum(map(len, parts)) and left.chunks == 5
+    for order in np.random.default_rng(0).permuted(np.tile(range(5), (6, 1)), axis=1):
+        fit = solve(reduce(add, [own[k] for k in order]), known)
+        np.testing.assert_allclose(fit.psi, first.psi, rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-13)
+        np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
 
 
 def test_what_does_not_belong_together_does_not_add():

@@ -10,6 +10,7 @@ from written_formats import DEG, write_csv, write_mot
 import ident
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.times import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -37,6 +38,15 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert len(ident.Recording.from_streams(streams, rate=20).time) == 7
     alone = recording.without_streams
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
+
+
+def test_streams_beside_each_other_have_the_times_of_all():
+    one, two = Sampled(T[::2], T[::2]), Sampled(T[1:4], slow(T[1:4]))
+    time, values = side_by_side([one, two])
+    np.testing.assert_array_equal(time, np.unique(np.r_[T[::2], T[1:4]]))
+    np.testing.assert_array_equal(values[np.isfinite(values[:, 0]), 0], T[::2])
+    np.testing.assert_array_equal(values[1:4, 1:], slow(T[1:4]))
+    assert np.isnan(values[[0, 4, 5], 1:]).all() and side_by_side([one, one]).time is one.time
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
