@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry, toml_text
-from experiments.guesses.model import ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
 from experiments.guesses.wrench_checks import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.loads import SLIP, predicted_channels
@@ -19,8 +19,8 @@ from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log
 
-BETTER, FAR_BETTER = 0.7, 0.5
-"""Largest ratios of unexplained shares, with over without, to accept another unit and another sign."""
+FAR_BETTER = 0.5
+"""Largest ratio of unexplained shares, with over without, to accept another sign."""
 
 EXPLAINED = 0.02
 """Unexplained share below which signs are not doubted."""
@@ -49,14 +49,14 @@ def _other_unit(model: ComparedModel, here: Left) -> Left:
     unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
     there = model.left({x.joint: scale for x in joints})
-    if there.somehow <= min(BETTER * here.somehow, here.somehow - CLEARLY):
+    if there.somehow <= min(CLEAR * here.somehow, here.somehow - CLEARLY):
         for x in joints:
             x.unit = other
             shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
             x.why.append(f"{other} since the model explains {shares}")
         model.belief.by_size.clear()
         return there
-    if here.somehow < min(BETTER * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
+    if here.somehow < min(CLEAR * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
         model.belief.by_size.clear()
     return here
 
