@@ -9,10 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from experiments import __main__ as index
 from experiments.document import pictures, symbols
 from experiments.document.tabular import Table
 from experiments.document.writer import Card, Document, Headline, Output, Plot, environment, written
-from experiments.reports import index
 
 
 class Cells(HTMLParser):
