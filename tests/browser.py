@@ -15,19 +15,14 @@ DRIVER = shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="no Chromium with its driver is on PATH (Debian: chromium, chromium-driver)"
 )
-ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
-"""Key of an element, by the standard."""
+ELEMENT = "element-6066-11e4-a52e-4f735466cecf"  # Key of an element, by the standard.
 
 
 LOADED = "if (document.readyState !== 'complete') return new Promise((done) => addEventListener('load', () => done()))"
 
 
 class Browser:
-    """One window.
-
-    Args:
-        session: Address of its session at the driver.
-    """
+    """One window."""
 
     def __init__(self, session):
         self.session = session

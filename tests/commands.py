@@ -1,4 +1,8 @@
-"""Exit of the studies' command lines, for the tests."""
+"""How commands and calls refuse bad input."""
+
+import pytest
+
+from ident.errors import InputError
 
 
 def refusal(main, arguments, capsys):
@@ -11,3 +15,11 @@ def refusal(main, arguments, capsys):
     error = capsys.readouterr().err
     assert "Traceback" not in error
     return error
+
+
+def sentence_of(call, *given, **options):
+    """The one sentence that refuses a call."""
+    with pytest.raises(InputError) as refused:
+        call(*given, **options)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)

@@ -12,11 +12,7 @@ import pytest
 # the time.
 gc.set_threshold(1_000_000)
 
-PEOPLE = (
-    "document/test_pages_in_browser.py",
-    "studies/test_human.py",
-    "studies/test_mechanism.py",
-)
+PEOPLE = ("document/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
 """Files that share simulated people (`persons`), which take longest."""
 
 FIRST = (

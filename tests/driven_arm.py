@@ -2,11 +2,15 @@
 
 from functools import cache
 
+import driven_arm
 import mujoco
 import numpy as np
+from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 import ident
 import sim
+from ident.setup import PRIORS
 
 JOINTS = ("turn", "lift", "bend")
 TRUE = {
@@ -19,9 +23,7 @@ TRUE = {
 """Drives of the joints, by MJCF's attributes."""
 
 
-KP, KV = (60.0, 80.0, 30.0), (4.0, 5.0, 2.0)
-"""Stiffness and damping of the joints' servos."""
-
+KP, KV = (60.0, 80.0, 30.0), (4.0, 5.0, 2.0)  # Stiffness and damping of the joints' servos.
 ACTUATORS = "<actuator>{}</actuator>".format(
     "".join(f'<position joint="{j}" kp="{kp}" kv="{kv}"/>' for j, kp, kv in zip(JOINTS, KP, KV, strict=True))
 )
@@ -40,8 +42,7 @@ def text(*, more="", **drives):
       {more}</mujoco>"""
 
 
-NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))
-"""Drives of a model that states none."""
+NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states none.
 
 
 @cache
@@ -55,23 +56,14 @@ def motion(rng, seconds=12.0, rate=100.0, size=1.0):
     t = np.arange(round(seconds * rate)) / rate
     pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
     amplitude, phase = size * rng.uniform(0.08, 0.3, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q, dq, ddq = (
-        (amplitude * pulsation**k * wave(angle)).sum(axis=2)
-        for k, wave in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
-    )
-    return t, q, dq, ddq
+    return t, *sines(t, amplitude, pulsation, phase)
 
 
 def torques(q, dq, ddq, **drives):
     """Torques of the arm by MuJoCo, without Coulomb friction, and with other drives by attribute (N, 3)."""
     # MuJoCo's own friction is another law at low velocity.
     model = mujoco.MjModel.from_xml_string(text(**drives | {"frictionloss": (0, 0, 0)}))
-    data, out = mujoco.MjData(model), []
-    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
-        mujoco.mj_inverse(model, data)
-        out.append(data.qfrc_inverse.copy())
-    return np.array(out)
+    return inverse_dynamics(model, q, dq, ddq)[0]
 
 
 @cache
@@ -83,8 +75,7 @@ def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0, pace=1.0):
     torque = torques(q, dq, ddq) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
     torque += noise * 0.02 * rng.normal(size=q.shape)
     q = q + noise * 1e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)}
+    channels = by_joint(JOINTS, position=q, torque=torque)
     return ident.Recording(t / pace, channels)
 
 
@@ -98,7 +89,7 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
     t = np.arange(count + lag) / rate
     pulsation = 2 * np.pi * 0.25 * np.arange(1, 6)
     amplitude, phase = rng.uniform(0.08, 0.25, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
-    u = (amplitude * np.sin(pulsation * t[:, None, None] + phase)).sum(axis=2)
+    u, *_ = sines(t, amplitude, pulsation, phase)
     u = u[lag:], u[: len(u) - lag]
     data.qpos[:], positions = u[1][0], []
     for logged, acting in zip(*u, strict=True):
@@ -107,6 +98,17 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
         mujoco.mj_step(model, data, per)
     commands, q = (np.array(x) for x in zip(*positions, strict=True))
     q += noise * 1e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_command": x for joint, x in zip(JOINTS, commands.T, strict=True)}
-    return np.arange(count) / rate, channels
+    return np.arange(count) / rate, by_joint(JOINTS, position=q, command=commands)
+
+
+@cache
+def quick():
+    """Least squares of the arm with friction, from its torques."""
+    return ident.identify(driven_arm.mechanism(), driven_arm.log(6.0, 50.0), estimator="weighted", cutoff=8.0)
+
+
+@cache
+def jointly():
+    """Trajectory estimate of the same, with the set-up as stated."""
+    exact = dict.fromkeys(PRIORS, 0.0) | {"gain": 0.01}
+    return ident.identify(driven_arm.mechanism(), driven_arm.log(4.0, 50.0), setup=exact, known=True)

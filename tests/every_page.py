@@ -92,9 +92,8 @@ def _batch(folder):
     logs = [folder / f"run{seed}.csv" for seed in range(2)]
     for seed, log in enumerate(logs):
         driven_arm.log(4.0, 50.0, seed=seed).save(log)
-    return batch.main(
-        [str(folder / "arm.xml"), *map(str, logs), "--estimator", "weighted", "--cutoff", "8", *_out(folder)]
-    )
+    files = map(str, (folder / "arm.xml", *logs))
+    return batch.main([*files, "--estimator", "weighted", "--cutoff", "8", *_out(folder)])
 
 
 def _sweep(folder):

@@ -1,7 +1,4 @@
-"""A person who lifts a box of known mass in the sagittal plane: six joints, markers on skin, a delayed plate.
-
-Both legs move alike, and both arms: limbs have twice the inertial parameters of the table's segments.
-"""
+"""A person who lifts a box of known mass in the sagittal plane: six joints, markers on skin, a delayed plate."""
 
 from dataclasses import replace
 from functools import cache
@@ -19,7 +16,7 @@ from ident.recordings.recording import Recording
 
 LENGTHS = {"shank": 0.43, "thigh": 0.42, "trunk": 0.52, "upper_arm": 0.29, "forearm": 0.27, "hand": 0.1}
 JOINTS = ("ankle", "knee", "hip", "shoulder", "elbow", "wrist")
-PERSON, BOX = Person("winter", 75.0, 1.78, "male"), 9.0
+PERSON = Person("winter", 75.0, 1.78, "male")
 LATE, RATE, FORCE = 0.12, 50, 2.0
 
 MODEL = """

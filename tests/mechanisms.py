@@ -107,3 +107,14 @@ def tilted_axis(tilt_deg, azimuth_deg):
 def unhat(matrix):
     """The twist (6,) of a matrix (4, 4)."""
     return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])
+
+
+def by_joint(joints, **kinds):
+    """Channels of joints from an array (N, n) for each kind."""
+    return {f"{joint}_{kind}": x for kind, every in kinds.items() for joint, x in zip(joints, every.T, strict=True)}
+
+
+def sines(time, size, rate, phase):
+    """Sums over the last axis of sines at times (N,), and their first and second derivatives, (N, …) each."""
+    angle = time.reshape(-1, *np.ndim(size) * (1,)) * rate + phase
+    return tuple((size * x).sum(axis=-1) for x in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)))

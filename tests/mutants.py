@@ -1,7 +1,4 @@
-"""Puts faults into a file or folder one at a time, drawn by chance, and lists those that no given test notices.
-
-A fault that survives is either without effect for every input, or shows a missing test.
-"""
+"""Puts faults into a file or folder one at a time, drawn by chance, and lists those that no given test notices."""
 
 import argparse
 import ast
@@ -17,18 +14,10 @@ REPOSITORY = Path(__file__).parents[1]
 COPIED = ("ident", "sim", "experiments", "scenes", "multicontact", "tests", "docs", "pyproject.toml", "README.md")
 """Files of the repository that tests need."""
 SWAPPED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
-SWAPPED |= {
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-}
-SWAPPED |= {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
+SWAPPED |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or}
+SWAPPED |= {ast.Or: ast.And, ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
 """Operators that replace each other."""
-PATIENCE = 600.0
-"""Seconds until tests count as hanging."""
+PATIENCE = 600.0  # Seconds until tests count as hanging.
 
 
 def faults(source: str) -> list[tuple[int, str, str]]:

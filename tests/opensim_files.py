@@ -72,11 +72,8 @@ class Joint:
         )
 
     def version_3(self):
-        ends = zip(
-            ("location_in_parent", "orientation_in_parent", "location", "orientation"),
-            (*self.at, *self.on),
-            strict=True,
-        )
+        tags = ("location_in_parent", "orientation_in_parent", "location", "orientation")
+        ends = zip(tags, (*self.at, *self.on), strict=True)
         return (
             f'<Joint><{self.kind} name="{self.name}"><parent_body>{self.parent}</parent_body>'
             + "".join(f"<{tag}>{words(x)}</{tag}>" for tag, x in ends)
@@ -102,16 +99,7 @@ def inertial(phi, version):
 
 
 def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", markers=()):
-    """An OpenSim file.
-
-    Args:
-        joints: The joints, one for each body.
-        phi: φ of the bodies by name.
-        version: Version of OpenSim.
-        gravity: Gravity in the ground's axes.
-        constraints: Content of the `ConstraintSet`.
-        markers: Name, body and location of each.
-    """
+    """An OpenSim file of joints, φ by body, the content of its `ConstraintSet`, and markers (name, body, place)."""
     held = {joint.child: joint for joint in joints}
     bodies = "".join(
         f'\n <Body name="{name}">\n  {inertial(own, version)}\n  '

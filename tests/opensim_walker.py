@@ -25,24 +25,10 @@ def leg(folder, *, more=()):
     """A pelvis that moves in a plane, a femur, and a tibia on a knee that slides."""
     x = np.linspace(-2, 0.2, 7)
     still = [("", axis, constant(0)) for axis in np.eye(3)]
-    knee = spatial(
-        [
-            *still[:2],
-            ("knee", [0, 0, 1], linear(1)),
-            ("knee", [1, 0, 0], table(x, 0.03 * np.sin(1.2 * x))),
-            ("", [0, 1, 0], constant(-0.4)),
-            still[2],
-        ]
-    )
-    planar = spatial(
-        [
-            *still[:2],
-            ("tilt", [0, 0, 1], linear(1)),
-            ("tx", [1, 0, 0], linear(1)),
-            ("ty", [0, 1, 0], linear(1)),
-            still[2],
-        ]
-    )
+    turns, slides = ("knee", [0, 0, 1], linear(1)), ("knee", [1, 0, 0], table(x, 0.03 * np.sin(1.2 * x)))
+    knee = spatial([*still[:2], turns, slides, ("", [0, 1, 0], constant(-0.4)), still[2]])
+    moves = [(name, np.eye(3)[k], linear(1)) for name, k in (("tilt", 2), ("tx", 0), ("ty", 1))]
+    planar = spatial([*still[:2], *moves, still[2]])
     wide = (-3.0, 3.0)
     joints = [
         Joint("CustomJoint", "root", "ground", "pelvis", [coordinate(n, limits=wide) for n in PLANAR[:3]], planar),
@@ -69,10 +55,8 @@ def trial(folder, path, std=0.001):
     t, q, dq, ddq = motion()
     poses = leg_.tree.poses(q)
     labels = [name for name in leg_.sites if name in {marker for marker, _, _ in markers()}]
-    bodies = [leg_.tree.names.index(leg_.sites[name][0]) for name in labels]
-    x = np.stack([poses[:, b] @ leg_.sites[name][1][:, 3] for name, b in zip(labels, bodies, strict=True)], axis=1)[
-        ..., :3
-    ]
+    sites = [(leg_.tree.names.index(body), place) for body, place in (leg_.sites[name] for name in labels)]
+    x = np.stack([poses[:, b] @ place[:, 3] for b, place in sites], axis=1)[..., :3]
     (folder / "walk.trc").write_text(trc(t, labels, x + std * rng.normal(size=x.shape)), encoding="utf-8")
     wrench = base_wrench_regressor(leg_.tree, q, dq, ddq, gravity=leg_.gravity) @ leg_.known
     force, moment = wrench[:, :3], wrench[:, 3:]

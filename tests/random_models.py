@@ -4,24 +4,16 @@ import mujoco
 import numpy as np
 from mechanisms import unit_vector
 
+import scenes
+
 ARM = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body name="base">
-      <geom size=".1" density="500"/><site name="ground"/>
-      <body name="upper" pos="0 0 .3">
-        <joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
-        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
-        <body name="lower" pos=".3 0 0">
-          <joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
-          <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <sensor><force site="ground"/><torque site="ground"/></sensor>
-</mujoco>
+<mujoco><option><flag contact="disable"/></option><worldbody>
+  <body name="base"><geom size=".1" density="500"/><site name="ground"/>
+  <body name="upper" pos="0 0 .3"><joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
+    <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
+  <body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
+    <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/></body></body></body></worldbody>
+<sensor><force site="ground"/><torque site="ground"/></sensor></mujoco>
 """
 CHAINS = ([], ["hinge"], ["slide"], ["ball"], ["hinge", "hinge"], ["slide", "hinge"], ["slide", "slide", "ball"])
 """Joints of one body, the first next to its parent; MuJoCo allows no hinge beside a ball."""
@@ -55,14 +47,7 @@ def drive_attributes(rng, kind):
 
 
 def random_model(rng, bodies, floating=False, drives=None):
-    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies.
-
-    Args:
-        rng: Random numbers.
-        bodies: Number of bodies.
-        floating: True for a free joint under the first one.
-        drives: Random numbers for drives of the joints, None without drives.
-    """
+    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies."""
 
     def driven(kind):
         return drive_attributes(drives, kind) if drives else ""
@@ -104,11 +89,27 @@ def random_model_states(rng, model, samples):
 
 
 def inverse_dynamics(model, qpos, qvel, qacc):
-    """MuJoCo's inverse dynamics: generalised forces (N, nv) and sensor readings (N, nsensordata)."""
-    data = mujoco.MjData(model)
-    forces, readings = np.empty_like(qvel), np.empty((len(qpos), model.nsensordata))
+    """MuJoCo's forces (N, nv) and sensor readings (N, nsensordata); joints after those of the motion rest."""
+    data, n = mujoco.MjData(model), qvel.shape[1]
+    forces, readings = np.empty((len(qpos), model.nv)), np.empty((len(qpos), model.nsensordata))
     for k in range(len(qpos)):
-        data.qpos, data.qvel, data.qacc = qpos[k], qvel[k], qacc[k]
+        data.qpos[: qpos.shape[1]], data.qvel[:n], data.qacc[:n] = qpos[k], qvel[k], qacc[k]
         mujoco.mj_inverse(model, data)
         forces[k], readings[k] = data.qfrc_inverse, data.sensordata
     return forces, readings
+
+
+def forces_between(model, before, now, after, step):
+    """MuJoCo's forces (nv,) at a configuration, whose rates are differences to those a step before and after, s."""
+    rates = np.zeros((2, model.nv))
+    mujoco.mj_differentiatePos(model, rates[0], step, before, now)
+    mujoco.mj_differentiatePos(model, rates[1], step, now, after)
+    return inverse_dynamics(model, now[None], rates.mean(axis=0)[None], np.diff(rates, axis=0) / step)[0][0]
+
+
+def humanoid():
+    """The humanoid's model without contacts and drives."""
+    model = scenes.load("humanoid").compile()
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.jnt_stiffness[:], model.dof_damping[:] = 0, 0
+    return model

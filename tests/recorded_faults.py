@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from mechanisms import by_joint
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -17,20 +18,12 @@ TRUTH = ident.find_base_parameters(PENDULUM).regroup(PENDULUM.known)
 
 
 def angles_and_wrench(time, q, wrench, **faults):
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **faults)
+    wrench = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
+    return ident.Recording(time, by_joint(JOINTS, position=q) | wrench, **faults)
 
 
 def leaning(spans, force, body="link2", point=(0, 0, 0.1), **faults):
-    """A recording of a body leaning on something without a sensor, which pushes with a force in the base's axes.
-
-    Args:
-        spans: First and last times, s; the force grows and fades within 60 ms.
-        force: Force, N (3,).
-        body: The body.
-        point: Point in the body's frame, m (3,).
-        faults: As for `faulty`.
-    """
+    """A body leans in some spans (s) on what pushes it with a force in the base's axes at a point of its frame (m)."""
     recording = faulty(**faults)
     t, q = recording.time, recording.of_joints(JOINTS, "position")
     share = sum(np.clip(np.minimum(t - first, last - t) / 0.06, 0, 1) for first, last in spans)
@@ -42,11 +35,7 @@ def leaning(spans, force, body="link2", point=(0, 0, 0.1), **faults):
 
 @cache
 def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gains=(1,) * 6, zero=(0, 0), gravity=0.0):
-    """A recording of 943 samples at 100 Hz with the scene's noise.
-
-    The wrench is delayed (s), on a fast clock, in a frame that is shifted (m) and turned (degrees), with gains; joints
-    have zero errors and gravity is tilted about x (degrees).
-    """
+    """943 samples at 100 Hz with noise; delay in s, origin in m; turn, zero and tilt of gravity about x in degrees."""
     recording = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed)
     true, t = recording.noise_free, recording.time
     wrench = wrench_of(true)
@@ -80,13 +69,7 @@ def shortened(recording, samples):
 
 
 def with_torques(seed=0, *, pull=0.0, wrench=True):
-    """A recording of the joint torques, with the base wrench or without, while a cable pulls.
-
-    Args:
-        seed: Seed of the scene's noise.
-        pull: Stiffness of a cable from the last link to a place that rests beside the arm, N/m.
-        wrench: True for the base wrench besides.
-    """
+    """Joint torques, with the base wrench or without, while a cable of some stiffness (N/m) pulls the last link."""
     recording = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed)
     states = recording.noise_free.joint_states(JOINTS)
     torques = ident.joint_torque_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
@@ -99,5 +82,4 @@ def with_torques(seed=0, *, pull=0.0, wrench=True):
     carried = wrench_of(recording) - np.hstack([force, np.cross(at, force)])
     whole = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), carried)
     kept = {name: x for name, x in whole.measured.items() if wrench or not name.startswith("ground")}
-    felt = {f"{joint}_torque": x for joint, x in zip(JOINTS, torques.T, strict=True)}
-    return ident.Recording(recording.time, kept | felt)
+    return ident.Recording(recording.time, kept | by_joint(JOINTS, torque=torques))

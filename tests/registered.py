@@ -3,7 +3,7 @@
 import hashlib
 
 import driven_arm
-import numpy as np
+from written_formats import write_csv
 
 TEXT = """
 title = "Arm"
@@ -45,8 +45,4 @@ def recorded(folder):
     (folder / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     for name, seed in (("one", 0), ("two", 1)):
         log = driven_arm.log(8.0, 50.0, seed=seed)
-        columns = {"time": log.time}
-        for joint in driven_arm.JOINTS:
-            columns |= {f"{joint}_{kind}": log.measured[f"{joint}_{kind}"] for kind in ("position", "torque")}
-        table = np.column_stack([np.ravel(x) for x in columns.values()])
-        np.savetxt(folder / f"{name}.csv", table, delimiter=",", header=",".join(columns), comments="", fmt="%.8g")
+        write_csv(folder / f"{name}.csv", {"time": log.time, **log.measured})

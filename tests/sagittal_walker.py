@@ -4,16 +4,14 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import sines
 
 import ident
 import sim
 from ident.model.regressor import base_wrench_regressor
 
 MODEL = """
-<mujoco>
-  <option gravity="{gravity}"/>
-  <worldbody>
-    <body name="pelvis" pos="0 1 0">
+<mujoco><option gravity="{gravity}"/><worldbody><body name="pelvis" pos="0 1 0">
       <joint name="tx" type="slide" axis="1 0 0"/><joint name="ty" type="slide" axis="0 1 0"/>
       <joint name="tilt" axis="0 0 1"/>
       <geom type="ellipsoid" size="0.1 0.25 0.16" pos="0.02 0.2 0" density="1100"/>
@@ -25,9 +23,7 @@ MODEL = """
         <geom type="capsule" fromto="0 0 0 0.02 -0.42 0" size="0.07"/>
         <body name="foot_l" pos="0 -0.45 0"><joint name="knee_l" axis="0 0 -1"/>
           <geom type="capsule" fromto="0 0 0 0 -0.42 -0.01" size="0.05"/></body></body>
-    </body>
-  </worldbody>
-</mujoco>
+</body></worldbody></mujoco>
 """
 SIDEWAYS = ("Fz", "Mx", "My")
 STANDS = {"right": "foot_r", "left": "foot_l"}
@@ -50,20 +46,11 @@ def motion(samples, rate=100.0):
     sizes = np.array([0.15, 0.08, 0.3, 0.6, 0.6, 0.6, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (7, 3)), rng.uniform(0, 6, (7, 3))
     w = rng.uniform(2, 9, (7, 3))
-    angle = time[:, None, None] * w + phase
-    return time, *((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle)))
+    return time, *sines(time, size, w, phase)
 
 
 def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):
-    """Readings of plates in the world, and of encoders.
-
-    Args:
-        samples: Number of samples at 100 Hz.
-        sway: Factor on force and moments out of the plane.
-        noise: Factor of 1 N, 0.3 N m, 2 mrad and 2 mm.
-        exact: True for joint coordinates without noise, with velocities and accelerations.
-        seed: Seed of the noise.
-    """
+    """Readings of plates, with sway out of the plane, and of encoders; noise of 1 N, 0.3 N m, 2 mrad and 2 mm."""
     person, rng, (time, q, dq, ddq) = mechanism(), np.random.default_rng(seed), motion(samples)
     total = base_wrench_regressor(person.tree, q, dq, ddq, gravity=person.gravity) @ person.known
     total[:, 2] += sway * (40 * np.sin(5 * time) + 60 * q[:, 3])

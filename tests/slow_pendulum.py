@@ -1,12 +1,12 @@
 """Recordings of the paper's pendulum in motions that are slow for its sensors' resolution, or with a joint at rest."""
 
 import numpy as np
+from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
 
-NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.05, 0.05])
-"""Noise of the scene's wrench, N and N m."""
+NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.05, 0.05])  # Noise of the scene's wrench, N and N m.
 
 
 TIME = np.arange(800) / 100
@@ -22,23 +22,13 @@ def motion(rng, speed, rests=None):
     size, phase = 0.6 * np.array([[1, 0.4, 0.2], [0.8, 0.5, 0.2]]), rng.uniform(0, 2 * np.pi, (2, 3))
     if rests is not None:
         size[1] = 0
-    angle = TIME[:, None, None] * w + phase
-    states = [(size * w**k * np.sin(angle + k * np.pi / 2)).sum(axis=2) for k in range(3)]
+    states = sines(TIME, size, w, phase)
     states[0][:, 1] += rests or 0.0
     return states
 
 
 def recorded(seed=0, *, speed=0.5, rests=None, forces=0.0, moments=0.0, angles=0.0, noise=0.0, jitter=1e-3):
-    """Angles and a wrench at 100 Hz.
-
-    Args:
-        seed: Seed of phases and noise.
-        speed: Factor on the frequencies, from .23 to .79 Hz.
-        rests: Angle at which the second joint rests, rad; by default both move.
-        forces: Resolution of forces, N; `moments` and `angles` likewise, N m and rad.
-        noise: Factor on the wrench's noise.
-        jitter: Noise of the angles of moving joints, rad.
-    """
+    """Angles and a wrench at 100 Hz in steps of some size; `rests` is the angle of a second joint that rests."""
     rng = np.random.default_rng(seed)
     states = motion(rng, speed, rests)
     wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known

@@ -67,9 +67,8 @@ def test_a_published_model_of_a_loop_is_equal(tree, q, dependent, inertia, weigh
     q, still = np.array([q]), np.zeros((1, 2))
     turned = tree.dependent_states(q)[0][0] - dependent
     np.testing.assert_allclose(np.exp(1j * turned), 1, atol=1e-10)
-    columns = [
-        joint_torque_regressor(tree, q, still, unit[None], gravity=np.zeros(3))[0] @ PHI.ravel() for unit in np.eye(2)
-    ]
+    rows = (joint_torque_regressor(tree, q, still, unit[None], gravity=np.zeros(3))[0] for unit in np.eye(2))
+    columns = [row @ PHI.ravel() for row in rows]
     np.testing.assert_allclose(np.array(columns)[np.triu_indices(2)], inertia, atol=1e-10)
     torques = joint_torque_regressor(tree, q, still, still, gravity=GRAVITY)[0] @ PHI.ravel()
     np.testing.assert_allclose(torques, weight, atol=1e-10)

@@ -19,10 +19,7 @@ RECORDED = SEEDS[::20]
 
 
 def case(seed):
-    """A model of 2 to 30 bodies, every third one without ground under it, and its states.
-
-    Every twentieth has enough states for its equations to be recorded, which is slow.
-    """
+    """A model of 2 to 30 bodies, every third one without ground under it, and its states."""
     rng = np.random.default_rng(seed)
     model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
     return model, random_model_states(rng, model, FEW if seed in RECORDED else 1)
@@ -35,9 +32,8 @@ def recorded(request):
 
 
 def assert_equal(computed, expected, scale=None, tolerance=1e-10):
-    np.testing.assert_allclose(
-        computed, expected, rtol=0, atol=tolerance * abs(expected if scale is None else scale).max()
-    )
+    scale = abs(expected if scale is None else scale).max()
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=tolerance * scale)
 
 
 def external_wrench(states, forces):
@@ -93,10 +89,7 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
     coordinates, dofs = state_columns(model, "b0")
     joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
-    known = {
-        "gravity": gravity_in_base(model, "b0"),
-        "base": base_motion(model, "b0", *states) if floating else None,
-    }
+    known = {"gravity": gravity_in_base(model, "b0"), "base": base_motion(model, "b0", *states) if floating else None}
     assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
     if len(wrench) == FEW:

@@ -126,10 +126,7 @@ def test_the_wrench_of_another_motion_is_mujocos(offsets):
 
 @pytest.mark.parametrize("felt", [("shoulder", "elbow"), ("elbow",)])
 def test_channels_are_the_sensors_own(felt):
-    """A sensor that is turned and off the base's origin, with five components, and joint torques.
-
-    A joint without measured torque has drive columns of zeros before those of the other one.
-    """
+    """A sensor that is turned and off the base's origin, with five components, and one or two joint torques."""
     turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
     model = mujoco.MjModel.from_xml_string(turned)
     arm = sim.mechanism(model, base="base")

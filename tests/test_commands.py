@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from written_formats import write_csv
 
 import ident
 import sim
@@ -23,6 +24,7 @@ MAPPING = 'time = "time"\n' + "".join(
 )
 
 
+SERVOS = [Servo(kp, kv) for kp, kv in zip(driven_arm.KP, driven_arm.KV, strict=True)]
 EXACT_BUT_SCALES = {kind: 0.0 for kind in PRIORS if kind != "scale"}
 
 
@@ -44,9 +46,7 @@ def write_log(folder, *, scale=1.0):
     columns = {"time": time}
     for k, joint in enumerate(driven_arm.JOINTS):
         columns |= {f"q{k}": channels[f"{joint}_position"], f"u{k}": scale * channels[f"{joint}_command"]}
-    path = folder / "log.csv"
-    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-    return path
+    return write_csv(folder / "log.csv", columns)
 
 
 def read(folder, mapping=MAPPING, *, arm=None, scale=1.0):
@@ -55,12 +55,8 @@ def read(folder, mapping=MAPPING, *, arm=None, scale=1.0):
 
 
 def test_gains_are_read_from_the_mapping_or_else_from_the_model_s_actuators(tmp_path):
-    stated = {
-        joint: Servo(kp, kv) for joint, kp, kv in zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True)
-    }
-    log = read(tmp_path)
-    assert log.servos == stated and not log.unused
-    assert recording().servos == stated
+    log, stated = read(tmp_path), dict(zip(driven_arm.JOINTS, SERVOS, strict=True))
+    assert log.servos == recording().servos == stated and not log.unused
     without = "\n".join(line for line in MAPPING.splitlines() if not line.startswith(("kp", "kv")))
     assert read(tmp_path, without, arm=mechanism(actuators=True)).servos == stated
     with pytest.raises(LogError, match=r"nothing is left to fit. Commands of turn, lift, bend are not used: the model"):
@@ -141,8 +137,7 @@ def test_commands_in_degrees_are_named(tmp_path):
     np.testing.assert_allclose(log["turn_command"], driven_arm.commanded(seconds=2.0)[1]["turn_command"], atol=1e-9)
 
 
-WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
-"""Stated over true stiffness of the servos."""
+WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))  # Stated over true stiffness of the servos.
 
 
 @cache
@@ -151,10 +146,9 @@ def scaled(joints, known):
     # In larger steps servos seem to act half a step later, and joints less damped.
     time, channels = driven_arm.commanded(seconds=5.0, step=1e-4)
     log = ident.Recording(time, channels, scales=dict.fromkeys(joints, 0.2))
-    stated = {
-        joint: Servo(kp * WRONG[joint], kv * WRONG[joint]) if joint in joints else Servo(kp, kv)
-        for joint, kp, kv in zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True)
-    }
+    factors = (WRONG[joint] if joint in joints else 1.0 for joint in driven_arm.JOINTS)
+    servos = (Servo(own.kp * x, own.kv * x) for own, x in zip(SERVOS, factors, strict=True))
+    stated = dict(zip(driven_arm.JOINTS, servos, strict=True))
     arm = mechanism(actuators=True)
     return ident.identify(arm, with_servos(log, stated, arm, []), known=known)
 
@@ -174,9 +168,8 @@ def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, kn
     for joint, (scale, own) in estimate.scales.items():
         assert abs(scale * WRONG[joint] - 1) < 2 * own < 2 * std
         servo, k = estimate.servos[joint], driven_arm.JOINTS.index(joint)
-        assert (servo.kp, servo.kv) == pytest.approx(
-            (driven_arm.KP[k] * WRONG[joint] * scale, driven_arm.KV[k] * WRONG[joint] * scale)
-        )
+        expected = SERVOS[k].kp * WRONG[joint] * scale, SERVOS[k].kv * WRONG[joint] * scale
+        assert (servo.kp, servo.kv) == pytest.approx(expected)
         (actuator,) = estimate.drives_updated[joint].actuators
         assert (actuator.kp, actuator.kv, actuator.gain) == (servo.kp, servo.kv, servo.kp)
     (finding,) = coded(estimate, "torque_scale_estimated")

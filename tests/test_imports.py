@@ -119,8 +119,7 @@ def test_what_is_installed_needs_nothing_that_only_a_clone_has():
     assert not [path for path in MODULES if any(name.partition(".")[0] == "docs" for name in imported(path))]
 
 
-SHARED = {"Table"}
-"""Public classes of one name: of logs and of documents."""
+SHARED = {"Table"}  # Public classes of one name: of logs and of documents.
 
 
 def test_public_classes_have_names_of_their_own():

@@ -44,19 +44,13 @@ def columns(seed=0, seconds=12.0):
     v, s = quaternion[:, :3], quaternion[:, 3:]
     omega = 2 * (s * derivative[:, :3] - derivative[:, 3:] * v - np.cross(v, derivative[:, :3]))
     alpha = CubicSpline(t, omega)(t, 1)
-    own = (
-        turns.inv().apply(a + np.array([0, 0, 9.81]))
-        + np.cross(alpha, CENTRE)
-        + np.cross(omega, np.cross(omega, CENTRE))
-    )
-    force = -MASS * own
+    own = turns.inv().apply(a + np.array([0, 0, 9.81])) + np.cross(alpha, CENTRE)
+    force = -MASS * (own + np.cross(omega, np.cross(omega, CENTRE)))
     moment = np.cross(CENTRE, force) - alpha @ INERTIA - np.cross(omega, omega @ INERTIA)
     p = p + NOISE["p"] * rng.normal(size=p.shape)
     q = (turns * Rotation.from_rotvec(NOISE["r"] * rng.normal(size=p.shape))).as_quat(scalar_first=True)
     force, moment = (x + NOISE[k] * rng.normal(size=x.shape) for k, x in (("f", force), ("m", moment)))
-    names = [
-        f"{what}{axis}" for what, axes in (("p", "xyz"), ("q", "wxyz"), ("f", "xyz"), ("m", "xyz")) for axis in axes
-    ]
+    names = [f"{what}{axis}" for what in "pqfm" for axis in ("wxyz" if what == "q" else "xyz")]
     return {"time": t} | dict(zip(names, np.hstack([p, q, force, moment]).T, strict=True))
 
 
@@ -142,9 +136,8 @@ def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sig
 
 def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     write_csv(tmp_path / "swing.csv", columns(seconds=5.0))
-    text = (
-        '[base]\nposition = ["px", "py", "pz"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.ft]\nbody = "tool"\n'
-    )
+    text = '[base]\nposition = ["px", "py", "pz"]\nquaternion = ["qw", "qx", "qy", "qz"]\n'
+    text += '[wrenches.ft]\nbody = "tool"\n'
     text += 'force = ["fx", "fy", "fz"]\ntorque = ["mx", "my", "mz"]\napplied_to_link = false\n'
     (tmp_path / "c.toml").write_text(text)
     options = ["--body", "tool", "--sensor", "ft", "--formats", "svg", "--verbose"]
@@ -157,10 +150,7 @@ def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     assert "Carried: tool, at the recorded poses" in capsys.readouterr().out
     (tmp_path / "c.toml").write_text(text[text.index("[wrenches") :])
     for arguments, message in (
-        (
-            [str(tmp_path / "swing.csv")],
-            "No joint moves 'tool': its pose has to be that of the base, 'tool', and the log",
-        ),
+        ([str(tmp_path / "swing.csv")], "No joint moves 'tool': its pose has to be that of the base, 'tool', and the"),
         (["arm.xml"], "payload needs a model and logs, or logs of a body alone; got 'arm.xml', no log."),
     ):
         assert command.main([*arguments, *options]) == 2
@@ -173,10 +163,7 @@ DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "tools"
 @pytest.mark.skipif(not DATA.is_dir(), reason="MULTICONTACT_DATA has no folder of tools")
 @pytest.mark.parametrize("name", ["box_wrench", "pliers"])
 def test_workshop_tools_of_others(name):
-    """A tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022.
-
-    Accelerations count against gravity in these wrenches as if the poses' z axis pointed down.
-    """
+    """A tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022, with z down."""
     rng, table = np.random.default_rng(0), np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True)
     x = {key: table[key] for key in table.dtype.names}
     x |= {key: x[key] + 1e-4 * rng.normal(size=len(table)) for key in ("x", "y", "z")}

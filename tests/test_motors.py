@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 import ident
 import scenes
@@ -18,16 +20,13 @@ from ident.estimation.preparation import prepared
 from ident.mechanism.drives import Drive
 from ident.recordings.recording import Recording
 
-MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])
-"""Angles of two motors over those of the joints lift and bend."""
-
+MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])  # Angles of two motors over those of the joints lift and bend.
 GEARS, MOTORS = np.array([30.0, 30.0]), ("wrist 1", "wrist 2")
 MOTOR_DRIVES = {"Ia": (1.5e-4, 1.2e-4), "Fv": (8e-4, 5e-4), "Fc": (0.03, 0.015)}
 """Rotor inertia, kg m², and friction, N m s and N m, of the motors."""
 
 TRUE = {f"{column}({motor})": x for column, own in MOTOR_DRIVES.items() for motor, x in zip(MOTORS, own, strict=True)}
-NOISE = 4e-4
-"""Noise of the motors' torques, N m."""
+NOISE = 4e-4  # Noise of the motors' torques, N m.
 
 
 def arm(bend=(1, 0, 0), **drives):
@@ -43,11 +42,7 @@ def columns(seed=1, bend=(1, 0, 0)):
     rng = np.random.default_rng(seed)
     t, q, dq, ddq = driven_arm.motion(rng)
     model = mujoco.MjModel.from_xml_string(arm(bend))
-    data, torque = mujoco.MjData(model), np.empty_like(q)
-    for k in range(len(t)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse
+    torque, _ = inverse_dynamics(model, q, dq, ddq)
     turns, speeds_up = dq[:, 1:] @ MATRIX.T, ddq[:, 1:] @ MATRIX.T
     Ia, Fv, Fc = map(np.array, MOTOR_DRIVES.values())
     of_motors = torque[:, 1:] @ np.linalg.inv(MATRIX) + Ia * speeds_up + Fv * turns
@@ -111,9 +106,7 @@ def test_a_model_s_file_keeps_what_it_states_of_coupled_joints(tmp_path):
 
 JOINTS = ("turn", "shoulder", "elbow", "wrist")
 COULOMB, TORQUE_NOISE = np.array([1.5, 2.0, 1.0, 0.3]), np.array([0.015, 0.02, 0.01, 0.003])
-STATED = 1.2
-"""Stated over true torque."""
-
+STATED = 1.2  # Stated over true torque.
 MASSES = dict(zip(("column", "upper", "fore", "tool"), (1.2, 0.85, 1.15, 1.25), strict=True))
 """True over the model's masses and inertias."""
 
@@ -139,22 +132,14 @@ def loaded_columns(payload, seed=0, seconds=8.0, rate=100.0):
     for joint in JOINTS:
         spec.joint(joint).frictionloss = 0
     model = spec.compile()
-    data, t = mujoco.MjData(model), np.arange(round(seconds * rate)) / rate
-    pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
+    t = np.arange(round(seconds * rate)) / rate
     amplitude, phase = rng.uniform(0.08, 0.3, (4, 5)), rng.uniform(0, 2 * np.pi, (4, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, -0.4, 0.8, 0.3])
-    dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
-    ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
-    torque = np.empty_like(q)
-    for k in range(len(t)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse
+    q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.15 * np.arange(1, 6), phase)
+    q += np.array([0, -0.4, 0.8, 0.3])
+    torque, _ = inverse_dynamics(model, q, dq, ddq)
     torque += COULOMB * np.tanh(dq / 0.003) + TORQUE_NOISE * rng.normal(size=q.shape)
     q += 1e-4 * rng.normal(size=q.shape)
-    out = {"time": t} | {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return out | {f"{joint}_torque": x for joint, x in zip(JOINTS, STATED * torque.T, strict=True)}
+    return {"time": t} | by_joint(JOINTS, position=q, torque=(STATED * torque.T).T)
 
 
 def loaded_mapping(**known):
@@ -164,11 +149,8 @@ def loaded_mapping(**known):
 
 @cache
 def loaded_estimate(payload):
-    return ident.identify(
-        sim.mechanism(loaded_arm(payload)),
-        loaded_columns(payload),
-        columns=loaded_mapping(payload=EXACT),
-    )
+    arm, mapping = sim.mechanism(loaded_arm(payload)), loaded_mapping(payload=EXACT)
+    return ident.identify(arm, loaded_columns(payload), columns=mapping)
 
 
 @pytest.mark.slow

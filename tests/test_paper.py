@@ -38,12 +38,8 @@ def error(fit, name):
 def test_condition_numbers_and_shapes(study):
     assert study.fit("simplified").estimate.condition_number == pytest.approx(38.1, rel=0.05)
     assert study.fit("full").estimate.condition_number == pytest.approx(334.2, rel=0.05)
-    assert (
-        (study.fit("simplified").estimate.rows, study.fit("simplified").base.rank)
-        == paper.SHAPE_SIMPLIFIED
-        == (943 * 5, 13)
-    )
-    assert (study.fit("full").estimate.rows, study.fit("full").base.rank) == paper.SHAPE_FULL == (943 * 6, 13)
+    shapes = [(fit.estimate.rows, fit.base.rank) for fit in map(study.fit, ("simplified", "full"))]
+    assert shapes == [paper.SHAPE_SIMPLIFIED, paper.SHAPE_FULL] == [(943 * 5, 13), (943 * 6, 13)]
 
 
 def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
@@ -55,18 +51,14 @@ def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
 def spread():
     """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
     studies = [packaged_study("misaligned", seed=seed) for seed in range(12)]
-    errors = (
-        [study.fit("simplified").error for study in studies],
-        [study.fit("full_on_table").error for study in studies],
-    )
+    errors = ([study.fit(name).error for study in studies] for name in ("simplified", "full_on_table"))
     return tuple(dict(zip(paper.TABLE_3, np.transpose(e), strict=True)) for e in errors)
 
 
 LARGE = {"m1rx1": 1.67, "Ixy2": 1.04, "Ixz2": 0.98, "Ixy3": 0.895, "Ixz3": 0.895}
 """The simplified model's large errors over the paper's: fitted, but the first is not reached."""
 
-OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")
-"""Its small errors with the opposite sign of the paper's."""
+OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")  # Its small errors with the opposite sign of the paper's.
 
 
 def test_neglecting_the_tilt_gives_the_papers_errors(spread):
@@ -183,13 +175,9 @@ def test_the_papers_robot_is_no_rigid_body(noise_free):
         assert phi[4] < phi[3] ** 2 / phi[0]
         assert np.linalg.eigvalsh(pseudo_inertia(phi)).min() < 0
     # The physical scene differs from Table IV by parallel-axis terms only.
-    differs = {
-        name: true - paper.TABLE_4[name][0]
-        for name, true in zip(
-            noise_free.fit("simplified").base.names, noise_free.fit("simplified").psi_true, strict=True
-        )
-        if abs(true - paper.TABLE_4[name][0]) > 0.006
-    }
+    fitted = noise_free.fit("simplified")
+    off = {name: x - paper.TABLE_4[name][0] for name, x in zip(fitted.base.names, fitted.psi_true, strict=True)}
+    differs = {name: x for name, x in off.items() if abs(x) > 0.006}
     expected = {"Ixx2": 3.7 * 0.2**2, "Ixx3": 13.2939 * 0.2**2, "Ixz3": -13.2939 * 0.1 * 0.2}
     assert differs == pytest.approx(expected, abs=0.006)
 
@@ -197,8 +185,7 @@ def test_the_papers_robot_is_no_rigid_body(noise_free):
 def test_table_3_errors_are_absolute():
     # The six true values that are zero have no relative error, but the paper prints one for each.
     zero = [name for name, (true, _) in paper.TABLE_4.items() if true == 0]
-    assert len(zero) == 6
-    assert all(name in paper.TABLE_3 for name in zero)
+    assert len(zero) == 6 and all(name in paper.TABLE_3 for name in zero)
 
 
 def test_acceleration_noise_ruins_the_estimate():

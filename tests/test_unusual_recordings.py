@@ -7,6 +7,7 @@ import driven_arm
 import numpy as np
 import pytest
 import swinging
+from mechanisms import by_joint
 from persons import once
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
@@ -95,8 +96,7 @@ def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condi
     q[:, 0], dq[:, 0], ddq[:, 0] = 0.3, 0, 0
     torque = driven_arm.torques(q, dq, ddq, **driven_arm.NONE) + 0.02 * rng.normal(size=q.shape)
     q[:, 1:] += 1e-4 * rng.normal(size=(len(t), 2))
-    channels = {f"{joint}_position": x for joint, x in zip(driven_arm.JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_torque": x for joint, x in zip(driven_arm.JOINTS, torque.T, strict=True)}
+    channels = by_joint(driven_arm.JOINTS, position=q, torque=torque)
     log = ident.Recording(t, channels)
     estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=dict.fromkeys(PRIORS, 0))
     assert estimate.undetermined and estimate.condition_number > 1e10 > 1e4 > estimate.determined_condition

@@ -57,12 +57,7 @@ def kept(tmp_path, file=simulation.FILE):
 
 @dataclass(frozen=True)
 class Mortal:
-    """An analysis whose worker is killed once, in the trial that draws a certain force.
-
-    Attributes:
-        force: The trial's first ground force along x.
-        died: File that exists afterwards.
-    """
+    """An analysis whose worker is killed once, in the trial that draws a certain force."""
 
     force: float
     died: Path
@@ -93,9 +88,7 @@ figures.drawn = lambda figure, extension: b""
 use_truth(SimpleNamespace(setattr=setattr))
 raise SystemExit(multicontact.main())
 """
-"""The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up on a busy
-machine.
-"""
+"""The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up."""
 
 
 def read_until(process, pattern):
@@ -109,10 +102,7 @@ def read_until(process, pattern):
 
 
 def interrupted(command, pattern, number=signal.SIGINT):
-    """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output.
-
-    It has its own process group, of which no process may remain.
-    """
+    """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
     # Otherwise MuJoCo starts a process for glfw, whose traceback would appear if it is ended meanwhile.
     quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}

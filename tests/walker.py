@@ -4,6 +4,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import sines
 
 import sim
 from ident.geometry.se3 import inverse, pose
@@ -11,16 +12,8 @@ from ident.recordings.wrench import transform_wrench
 
 ROOT = ("tx", "ty", "tz", "yaw", "lean", "tilt")
 MODEL = """
-<mujoco>
-  <option gravity="0 0 -9.81"/>
-  <worldbody>
-    <body name="pelvis" pos="0 0 1">
-      {root}
-      <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>
-      {limbs}
-    </body>
-  </worldbody>
-</mujoco>
+<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="pelvis" pos="0 0 1">{root}
+  <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>{limbs}</body></worldbody></mujoco>
 """
 LEGS = """<body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
@@ -38,8 +31,7 @@ SLIDES = "".join(
     for k, (name, axis) in enumerate(zip(ROOT, AXES, strict=True))
 )
 JOINTED, SMALL = (MODEL.format(root=SLIDES, limbs=limbs) for limbs in (LEGS + ARM, ARM))
-TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}
-"""Body on each plate and on the rail."""
+TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}  # Body on each plate and on the rail.
 
 
 @cache
@@ -55,8 +47,7 @@ def motion(samples=600, rate=100.0):
     sizes = np.array([0.1, 0.1, 0.06, 0.3, 0.2, 0.2, 0.5, 0.4, 0.5, 0.4, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (11, 3)), rng.uniform(0, 6, (11, 3))
     w = rng.uniform(2, 8, (11, 3))
-    angle = time[:, None, None] * w + phase
-    return time, *((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle)))
+    return time, *sines(time, size, w, phase)
 
 
 @cache
@@ -70,9 +61,8 @@ def truth(source=JOINTED):
         data.qpos, data.qvel, data.qacc = q[k, : model.nq], dq[k, : model.nq], ddq[k, : model.nq]
         mujoco.mj_inverse(model, data)
         axes, anchors = data.xaxis[:6], data.xanchor[:6]
-        screws = np.hstack(
-            [np.vstack([axes[:3], np.cross(anchors[3:], axes[3:])]), np.vstack([0 * axes[:3], axes[3:]])]
-        )
+        forces, moments = np.vstack([axes[:3], np.cross(anchors[3:], axes[3:])]), np.vstack([0 * axes[:3], axes[3:]])
+        screws = np.hstack([forces, moments])
         total[k] = np.linalg.solve(screws, data.qfrc_inverse[:6])
         for name, poses in places.items():
             body = data.body(name)

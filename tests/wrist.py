@@ -4,6 +4,8 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from mechanisms import by_joint, sines
+from random_models import inverse_dynamics
 
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor
@@ -12,9 +14,7 @@ JOINTS = tuple(f"joint{k}" for k in range(1, 8))
 TOOL = {"mass": 0.1, "com": (0.012, -0.008, 0.05), "inertia": (1.1e-4, 9e-5, 6e-5, 1e-5, -8e-6, 4e-6)}
 """Mass, centre of mass, and inertia about it: xx, yy, zz, xy, xz, yz."""
 
-FACING = "0.9238795 0 0 0.3826834"
-"""Quaternion of the sensor in the tool's frame: 45° about z."""
-
+FACING = "0.9238795 0 0 0.3826834"  # Quaternion of the sensor in the tool's frame: 45° about z.
 _LINKS = (
     ("0 0 0.333", "1 0 0 0"),
     ("0 0 0", "1 -1 0 0"),
@@ -27,13 +27,7 @@ _LINKS = (
 
 
 def model(*, tool=TOOL, beyond="", stated=True):
-    """MJCF of the arm.
-
-    Args:
-        tool: Mass, centre of mass and inertia of the tool.
-        beyond: Bodies on the tool.
-        stated: True if the tool has an inertia.
-    """
+    """MJCF of the arm."""
     text = lambda x: " ".join(map(str, x))  # noqa: E731
     inertial = f'<inertial mass="{tool["mass"]}" pos="{text(tool["com"])}" fullinertia="{text(tool["inertia"])}"/>'
     bodies = (
@@ -61,49 +55,28 @@ def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
 def along(t, seed=0, size=1.0):
     """The motion at any times."""
     rng = np.random.default_rng(seed)
-    order = np.arange(1, 6)
-    pulsation = 2 * np.pi * 0.1 * order
     amplitude, phase = size * rng.uniform(0.1, 0.35, (7, 5)), rng.uniform(0, 2 * np.pi, (7, 5))
-    angle = pulsation * t[:, None, None] + phase
-    q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, 0.3, 0, -1.5, 0, 1.8, 0])
-    dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
-    ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
-    return q, dq, ddq
+    q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.1 * np.arange(1, 6), phase)
+    return q + np.array([0, 0.3, 0, -1.5, 0, 1.8, 0]), dq, ddq
 
 
 @cache
 def read(text, seconds=20.0, rate=100.0, size=1.0):
     """Noise-free readings of MuJoCo's sensor (N, 6)."""
     arm = mujoco.MjModel.from_xml_string(text)
-    data, out = mujoco.MjData(arm), []
-    for q, dq, ddq in zip(*motion(seconds, rate, size=size)[1:], strict=True):
-        data.qpos[:7], data.qvel[:7], data.qacc[:7] = q, dq, ddq
-        mujoco.mj_inverse(arm, data)
-        out.append(data.sensordata.copy())
-    return np.array(out)
+    return inverse_dynamics(arm, *motion(seconds, rate, size=size)[1:])[1]
 
 
 def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2, 5, 0.1, -0.2, 0.05), sign=1, **faults):
-    """A log of angles (0.3 mrad of noise) and of the sensor (0.1 N, 5 mN m), with its offsets.
-
-    Args:
-        seed: Seed of the noise.
-        text: The true arm.
-        seconds: Duration, s.
-        rate: Samples per second, Hz.
-        size: Factor on the motion.
-        offset: Offset of the sensor (6,).
-        sign: -1 for the tool's wrench on the sensor.
-        faults: `delay` in samples of the wrench; `gains` of its channels (6,).
-    """
+    """Angles (0.3 mrad of noise) and the sensor (0.1 N, 5 mN m) with offsets, a `delay` in samples and `gains`."""
     rng, (t, q, *_) = np.random.default_rng(seed), motion(seconds, rate, size=size)
     wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6))) + offset
     wrench = wrench + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)
     q = q + 3e-4 * rng.normal(size=q.shape)
     late = faults.get("delay", 0)
     t, q, wrench = t[late:], q[late:], wrench[: len(wrench) - late]
-    measured = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return Recording(t, {**measured, "wrist_force": wrench[:, :3], "wrist_torque": wrench[:, 3:]}, sensors=sensors())
+    felt = {"wrist_force": wrench[:, :3], "wrist_torque": wrench[:, 3:]}
+    return Recording(t, by_joint(JOINTS, position=q) | felt, sensors=sensors())
 
 
 def sensors(applied_to_link=True):

@@ -3,15 +3,16 @@
 import gzip
 
 import numpy as np
+from malformed_logs import text
 from marked import trc
 
 DEG = 180 / np.pi
 
 
 def write_csv(path, columns, delimiter=","):
-    rows = [delimiter.join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
-    content = "\n".join([delimiter.join(columns), *rows, ""])
-    path.write_bytes(gzip.compress(content.encode()) if path.suffix == ".gz" else content.encode())
+    content = text(columns, delimiter).encode()
+    path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
+    return path
 
 
 def write_mot(path, columns, degrees="yes"):
@@ -74,13 +75,8 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
     file["data"]["points"] = np.concatenate([np.stack(scaled, 1), np.ones((len(scaled[0]), len(scaled), 1))], 2).T
     channels = dict(analog or {})
     if wrench is not None:
-        channels |= dict(
-            zip(
-                ("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
-                (plate_readings(wrench) * np.r_[1, 1, 1, 1e3, 1e3, 1e3]).T,
-                strict=True,
-            )
-        )
+        felt = plate_readings(wrench) * np.r_[1, 1, 1, 1e3, 1e3, 1e3]
+        channels |= dict(zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), felt.T, strict=True))
         file.add_parameter("FORCE_PLATFORM", "USED", 1)
         file.add_parameter("FORCE_PLATFORM", "TYPE", 2)
         whole("ZERO", [1, 0], [2])
@@ -93,20 +89,14 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
         parameters["ANALOG"]["RATE"]["value"] = [rate * samples / len(scaled[0])]
         parameters["ANALOG"]["LABELS"]["value"] = tuple(channels)
         units = {"F": "N", "M": "Nmm"}
-        parameters["ANALOG"]["UNITS"]["value"] = [
-            units.get(name[0], "V") if len(name) == 2 else "V" for name in channels
-        ]
+        parameters["ANALOG"]["UNITS"]["value"] = [units.get(x[0], "V") if len(x) == 2 else "V" for x in channels]
         parameters["ANALOG"]["SCALE"]["value"] = [1.0] * len(channels)
         file["data"]["analogs"] = np.stack(list(channels.values()))[None]
     file.write(str(path))
 
 
 def write_bag(path, topics, *, stamped=True, packed=False, mode="STORAGE"):
-    """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name.
-
-    `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
-    for arrays (N, d).
-    """
+    """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import CompressionFormat as Format
     from rosbags.rosbag2 import CompressionMode as Mode
@@ -147,21 +137,15 @@ def _message(store, kind, content, i, stamp, one):
 
 
 def write_lerobot(folder, episodes, version=3, names=None, fps=100, together=2):
-    """Writes a LeRobot dataset of `{number: {feature: (N,) or (N, d)}}`, of version 3 with so many episodes in a file.
-
-    `names` has the components' names of some features, else they have none.
-    """
+    """Writes a LeRobot dataset of `{number: {feature: (N,) or (N, d)}}`, some with names of their components."""
     import json
 
     import pyarrow
     import pyarrow.parquet
 
     numbers = sorted(episodes)
-    files = (
-        [[k] for k in numbers]
-        if version == 2
-        else [numbers[i : i + together] for i in range(0, len(numbers), together)]
-    )
+    together = 1 if version == 2 else together
+    files = [numbers[i : i + together] for i in range(0, len(numbers), together)]
     places, index = [], 0
     features = {"observation.images.top": {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "c"]}}
     for at, those in enumerate(files):
@@ -169,20 +153,14 @@ def write_lerobot(folder, episodes, version=3, names=None, fps=100, together=2):
         for k in those:
             features |= {name: _feature(x, (names or {}).get(name)) for name, x in episodes[k].items()}
             columns, rows = {name: _cells(x) for name, x in episodes[k].items()}, len(next(iter(episodes[k].values())))
-            counts = {
-                "frame_index": np.arange(rows),
-                "episode_index": np.full(rows, k),
-                "task_index": np.zeros(rows, int),
-            }
+            counts = {"frame_index": np.arange(rows), "task_index": np.zeros(rows, int)}
+            counts["episode_index"] = np.full(rows, k)
             times = {"timestamp": (np.arange(rows) / fps).astype(np.float32)}
             parts.append(pyarrow.table({**columns, **times, **counts, "index": index + np.arange(rows)}))
             places.append({"episode_index": k, "data/chunk_index": 0, "data/file_index": at, "length": rows})
             index += rows
-        path = (
-            folder
-            / "data/chunk-000"
-            / (f"episode_{those[0]:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet")
-        )
+        name = f"episode_{those[0]:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet"
+        path = folder / "data/chunk-000" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         pyarrow.parquet.write_table(pyarrow.concat_tables(parts), path, row_group_size=64)
     features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in counts}

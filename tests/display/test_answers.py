@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import driven_arm
 import numpy as np
 import pytest
-from estimates import jointly, quick
+from driven_arm import jointly, quick
 from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled
@@ -22,8 +22,7 @@ from ident.errors import InputError
 
 pytestmark = pytest.mark.extras
 
-SHORT = 10
-"""Most lines of a repr."""
+SHORT = 10  # Most lines of a repr.
 
 
 class Tags(HTMLParser):
@@ -99,10 +98,8 @@ def test_repr_is_short_and_the_summary_has_everything(estimate):
     assert str(estimate) == repr(estimate)
     lines = repr(estimate).splitlines()
     assert len(lines) <= SHORT and max(map(len, lines)) <= 100
-    assert (
-        re.search(r"verdict: \w+( \w+)*, (1 doubt|\d+ doubts), (1 remark|\d+ remarks)$", lines[-2])
-        and "base parameters" in lines[0]
-    )
+    assert re.search(r"verdict: \w+( \w+)*, (1 doubt|\d+ doubts), (1 remark|\d+ remarks)$", lines[-2])
+    assert "base parameters" in lines[0]
     summary = estimate.summary()
     for each in estimate.parameters:
         assert re.search(rf"^{re.escape(each.name)} +{re.escape(each.body)} ", summary, re.MULTILINE)
@@ -126,9 +123,7 @@ def test_html_is_well_formed_and_escaped(tmp_path):
     finally:
         del text.PAGES[estimate]
     assert "Replay and figures" in linked and "&quot;page&quot;" in linked
-    assert html_table(["<b>"], [["a & b"]]) == (
-        "<table><thead><tr><th>&lt;b&gt;</th></tr></thead><tbody><tr><td>a &amp; b</td></tr></tbody></table>"
-    )
+    assert re.findall(r">([^<]+)<", html_table(["<b>"], [["a & b"]])) == ["&lt;b&gt;", "a &amp; b"]
 
 
 @pytest.mark.parametrize("name", ["plot", "plot_fit", "plot_spectra"])
@@ -158,9 +153,8 @@ def test_a_notebook_shows_a_figure_once_whatever_its_cell_ends_with(monkeypatch)
         shown.append(figure)
 
     shell = SimpleNamespace(kernel=None, events=SimpleNamespace(register=lambda event, function: ends.append(function)))
-    monkeypatch.setitem(
-        sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell, display=SimpleNamespace(display=display))
-    )
+    notebook = SimpleNamespace(get_ipython=lambda: shell, display=SimpleNamespace(display=display))
+    monkeypatch.setitem(sys.modules, "IPython", notebook)
     first = quick().plot()
     ends[-1]()
     assert shown == [first]
@@ -246,11 +240,8 @@ def test_a_recording_as_a_data_frame_is_read_back(monkeypatch):
     log = driven_arm.log(4.0, 50.0)
     recording = ident.Recording(log.time, {**log.measured, "ground_force": np.ones((200, 3))})
     frame = recording.to_frame()
-    assert frame.index.name == "time" and [name for name in frame if "force" in name] == [
-        "ground_force.x",
-        "ground_force.y",
-        "ground_force.z",
-    ]
+    assert frame.index.name == "time"
+    assert [name for name in frame if "force" in name] == [f"ground_force.{axis}" for axis in "xyz"]
     again = ident.read_log(frame, driven_arm.mechanism())
     np.testing.assert_allclose(again.time, log.time)
     assert {*log.measured} <= {*again.measured} and (again["bend_torque"] == log["bend_torque"]).all()

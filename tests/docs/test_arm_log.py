@@ -27,9 +27,8 @@ def example():
 def loaded(arm):
     """φ of the arm's bodies, the tool's with the load (10 b,)."""
     phi = arm.known.reshape(-1, 10).copy()
-    phi[-1] += parameters_from_com(
-        drawings.LOAD, np.array(drawings.PLACE), 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
-    )
+    inertia = 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
+    phi[-1] += parameters_from_com(drawings.LOAD, np.array(drawings.PLACE), inertia)
     return phi.ravel()
 
 
@@ -58,6 +57,5 @@ def test_the_load_is_in_the_updated_tool():
     arm, estimate = example()
     masses = dict(zip(arm.bodies, estimate.consistent().phi[::10], strict=True))
     assert masses["tool"] == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
-    assert all(
-        masses[name] == pytest.approx(m, rel=0.05) for name, m in zip(arm.bodies[:-1], arm.known[::10], strict=False)
-    )
+    for name, mass in zip(arm.bodies[:-1], arm.known[::10], strict=False):
+        assert masses[name] == pytest.approx(mass, rel=0.05)

@@ -91,9 +91,8 @@ def test_the_command_writes_tables(tmp_path, capsys):
     assert noise.main(["--out", str(tmp_path), "--recordings", "3"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
     labels = dict.fromkeys((row["noise"], row["estimator"]) for row in rows if row["subject"] == "pendulum")
-    assert list(labels) == [
-        (f"noise ×{k}", label) for k in (1, 3) for label in ("ordinary least squares", "trajectory estimate")
-    ]
+    estimators = ("ordinary least squares", "trajectory estimate")
+    assert list(labels) == [(f"noise ×{k}", label) for k in (1, 3) for label in estimators]
     rows = list(csv.DictReader((tmp_path / "table_parameters.csv").read_text().splitlines()))
     row = next(each for each in rows if (each["noise"], each["parameter"]) == ("noise ×3", "Ixx2"))
     assert float(row["true"]) == pytest.approx(PENDULUM.true[IXX2]) and float(row["bias"]) < -0.1

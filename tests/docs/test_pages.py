@@ -146,17 +146,11 @@ def resolves(dotted):
     return False
 
 
-def test_every_column_has_a_head():
+def test_every_column_has_a_head_and_the_first_page_is_short():
     """As a reader of a screen reader needs it."""
-    heads = [
-        (name, head)
-        for name, text in TEXTS.items()
-        for head in re.findall(r"^(\|.*\|)\n\|(?: *:?-+:? *\|)+$", text, re.M)
-    ]
+    found = {name: re.findall(r"^(\|.*\|)\n\|(?: *:?-+:? *\|)+$", text, re.M) for name, text in TEXTS.items()}
+    heads = [(name, head) for name, each in found.items() for head in each]
     assert len(heads) > 50 and [each for each in heads if re.search(r"\| *\|", each[1])] == []
-
-
-def test_readme_is_short():
     assert len(TEXTS["README.md"].splitlines()) <= 150
 
 
@@ -203,3 +197,24 @@ def test_one_version_everywhere():
     newest, day = re.search(r"^## (\S+) \((\d{4}-\d\d-\d\d)\)$", changes, re.MULTILINE).groups()
     assert cited == {"version": version, "date-released": day}
     assert newest == version
+
+
+@pytest.mark.extras
+def test_the_notebook_runs_and_shows_tables_figures_and_a_link(tmp_path):
+    """Executed as Jupyter does."""
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    for needed in ("ipykernel", "pandas"):
+        pytest.importorskip(needed)
+    notebook = nbformat.read(ROOT / "docs/notebooks/estimate.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells)
+    # Everything is reachable by one import.
+    imports = re.findall(r"^(?:import|from) (\w+)", "\n".join(cell.source for cell in notebook.cells), re.MULTILINE)
+    assert {*imports} <= {"multicontact", "pathlib"}
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
+    shown = [{kind for out in each for kind in out.get("data", {})} for each in outputs]
+    assert all("text/html" in shown[k] for k in (0, 1, 2, 5)) and all("image/png" in shown[k] for k in (3, 4))
+    # One picture for each cell: figures are shown once.
+    assert all(len(outputs[k]) == 1 for k in (3, 4))
+    html = outputs[5][-1]["data"]["text/html"]
+    assert '<a href="arm/report.html"' in html and (tmp_path / "arm" / "report.html").is_file()

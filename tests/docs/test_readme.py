@@ -1,4 +1,4 @@
-"""Tables and numbers of README.md and of docs agree with a fresh run."""
+"""Tables and numbers of README.md and of docs agree with a fresh run, or with the run on record."""
 
 import json
 import re
@@ -14,6 +14,9 @@ from docs.tools import benchmark
 from docs.tools import pages as blocks
 from experiments.data.simulated_study import summary
 from experiments.reports import study_report
+from experiments.studies.validation.files import registry
+from experiments.studies.validation.validation_study import study_of
+from ident.errors import InputError
 
 ROOT = Path(experiments.__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -43,8 +46,7 @@ def test_tables_are_not_stale(name, table, study):
     printed = cells(block("study.md", name))
     current = table(packaged_study(study))
     fresh = cells(current.markdown())
-    assert [row[0] for row in printed] == [row[0] for row in fresh]
-    assert printed[0] == fresh[0]
+    assert [row[0] for row in printed] == [row[0] for row in fresh] and printed[0] == fresh[0]
     # Other platforms may differ in the last bits, and round a half the other way.
     shown = np.array([row[1:] for row in printed[2:15]], float)
     exact = np.array([row[1:] for row in current.rows], float)
@@ -54,31 +56,24 @@ def test_tables_are_not_stale(name, table, study):
 def test_condition_numbers_are_not_stale():
     text = page("study.md")
     tilted, touching = packaged_study("misaligned"), packaged_study("multicontact")
-    for fit, published in (
-        (tilted.fit("simplified"), "38.1"),
-        (tilted.fit("full"), "334.2"),
-        (touching.fit("contact"), "36.5"),
-    ):
+    fits = tilted.fit("simplified"), tilted.fit("full"), touching.fit("contact")
+    for fit, published in zip(fits, ("38.1", "334.2", "36.5"), strict=True):
         assert f"{fit.estimate.condition_number:.1f} (paper {published})" in text.replace("\n", " ")
 
 
 def test_errors_of_the_wrench_are_not_stale():
     study = packaged_study("misaligned")
     printed, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
-    assert [re.sub(r"[\d.]+", "#", cell) for row in printed for cell in row] == [
-        re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
-    ]
-    for row, expected in zip(printed[2:], study_report.table(study, "table_wrench_errors").rows, strict=True):
+    words, expected = ([re.sub(r"[\d.]+", "#", cell) for row in x for cell in row] for x in (printed, fresh))
+    assert words == expected
+    table = study_report.table(study, "table_wrench_errors").rows
+    for row, expected in zip(printed[2:], table, strict=True):
         std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
-    share = {
-        name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in study_report.table(study, "table_wrench_errors").rows
-    }
-    share["epsilon"] = (
-        f"{study.fit('simplified').estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"
-    )
-    assert share["epsilon"] == "1.5%"
+    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in table}
+    whole = np.linalg.norm(study.recording.wrench("ground").values)
+    assert f"{study.fit('simplified').estimate.epsilon / whole:.1%}" == "1.5%"
     for name in ("study.md", "reproduction.md"):
         quoted = page(name).replace("\n", " ")
         words = f"{share['Fx']} of F_x's standard deviation, {share['τy']} of τ_y's and {share['τz']} of τ_z's"
@@ -116,3 +111,40 @@ def test_numbers_of_two_contacts_are_not_stale():
     for name, expected in sentences.items():
         text = " ".join(page(name).split())
         assert [sentence for sentence in expected if sentence not in text] == []
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return study_of(json.loads(page(blocks.VALIDATION)), registry())
+
+
+def test_the_page_shows_the_run_on_record(shown):
+    for name, content in blocks.page_blocks(shown).items():
+        assert block("validation.md", name) == content, name
+
+
+@pytest.mark.parametrize("name", ["README.md", "paper.md"])
+def test_the_summaries_are_those_of_the_run_on_record(name, shown):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for block_name, content in blocks.summary_blocks(shown).items():
+        assert f"<!-- {block_name} -->\n{content}<!-- end {block_name} -->" in text
+
+
+def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):
+    numbers = json.loads(page(blocks.VALIDATION))
+    for folder in ("docs", "results/validate"):
+        (tmp_path / folder).mkdir(parents=True)
+    blocks.write_record(tmp_path / "docs" / blocks.VALIDATION, numbers)
+    assert blocks.validated_numbers(tmp_path) == numbers
+    (tmp_path / "docs" / "validation.md").write_text(page("validation.md"), encoding="utf-8")
+    for name in ("README.md", "paper.md"):
+        (tmp_path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
+    changed = {**numbers, "recordings": {name: {**x, "seconds": 1.0} for name, x in numbers["recordings"].items()}}
+    (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
+    blocks.write_validation(tmp_path, blocks.validated_numbers(tmp_path))
+    assert json.loads((tmp_path / "docs" / blocks.VALIDATION).read_text(encoding="utf-8")) == changed
+    assert (tmp_path / "docs" / "validation.svg").read_bytes().startswith(b"<?xml")
+    del changed["recordings"]["walker"]
+    (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
+    with pytest.raises(InputError, match="has no walker: run it on all"):
+        blocks.validated_numbers(tmp_path)

@@ -1,7 +1,4 @@
-"""A full disk: one sentence, earlier results intact, nothing half-written, and a later run succeeds.
-
-The system itself rejects the writes: files have a size limit, or a file is a link to a full device.
-"""
+"""A full disk: one sentence, earlier results intact, nothing half-written, and a later run succeeds."""
 
 import sys
 from contextlib import contextmanager
@@ -66,10 +63,7 @@ def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path, write, name, size
     assert len(contents(tmp_path)[name]) > size
 
 
-COMMANDS = {
-    "mechanism": (mechanism, []),
-    "excite": (excite, ["double_pendulum", "--starts", "1", "--iterations", "1"]),
-}
+COMMANDS = {"mechanism": (mechanism, []), "excite": (excite, ["double_pendulum", "--starts", "1", "--iterations", "1"])}
 
 
 @pytest.mark.usefixtures("no_trajectory")

@@ -1,16 +1,18 @@
-"""Pages, read by an HTML parser that is written for these tests."""
+"""Pages, and hostile names in them, read by readers of each format that are written for these tests."""
 
+import re
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from test_escape import EVIL
 
-from experiments.document import pictures
+from experiments import __main__ as index
+from experiments.document import pictures, symbols
 from experiments.document.tabular import Table
 from experiments.document.writer import Card, Document, Headline, Output, Plot, environment, written
-from experiments.reports import index
 
 
 class Cells(HTMLParser):
@@ -84,14 +86,8 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert table.groups() == [("arm", "kg, N m", [0, 2]), ("hand", "kg m, N m", [1, 3])]
     page = read(table, tmp_path)
     assert [text for _, text in page.rows[0]] == ["parameter", "estimate", "regrouping"]
-    assert [row[0][1] for row in page.rows[1:]] == [
-        "arm kg, N m",
-        "m1",
-        "Fc(a)",
-        "hand kg m, N m",
-        "m2rz,2",
-        "Fc(b) of log 2",
-    ]
+    names = ["arm kg, N m", "m1", "Fc(a)", "hand kg m, N m", "m2rz,2", "Fc(b) of log 2"]
+    assert [row[0][1] for row in page.rows[1:]] == names
     assert page.rows[2][2][1] == "summ1 + m2" and page.rows[5][2][1] == ""
     full = Table("t", ("body", "quantity", "unit", "x"), (("arm", "mass", "kg", 1.0), ("arm", "centre", "m", 2.0)))
     assert full.groups() == [("arm", "kg, m", [0, 1])]
@@ -119,3 +115,57 @@ def test_the_papers_columns_stand_alone_beside_ours():
 def test_numbers_and_options_to_copy_are_as_typed():
     shown = environment().get_template("parts.html").make_module({}).prose("by -2, gain = -1, --base-rpy 0 -90 0")
     assert "by \u22122, gain = -1, <code" in shown and ">--base-rpy</code> 0 -90 0" in shown
+
+
+EVIL = [
+    r"\input{/etc/passwd}",
+    r"\write18{ls}",
+    "<script>alert(1)</script>",
+    "$x",
+    "$\\foo$",
+    "a|b",
+    "&%$#_{}~^\\",
+    "[1cm] *star* `code` ![x](y) __b__ _i_ ~~s~~",
+    "a--b---c",
+    "two\nlines\r\t",
+    "Größe, \N{ARABIC LETTER ALEF}",
+]
+TEXTS = st.one_of(st.text("\\{}$&#%_^~|[]*`<>!-ab \n", max_size=12), st.sampled_from(EVIL))
+
+COMMANDS = dict(zip(("backslash", "asciitilde", "asciicircum", "less", "greater", "bar"), "\\~^<>|", strict=True))
+
+
+def shown_by_tex(source):
+    """Text that TeX typesets; any command raises an error."""
+    out, rest = "", source
+    while rest:
+        if match := re.match(r"\\([&%$#_{}])|\\([a-z]+)\{\}|\{([\[*]?)\}|([^&%$#_{}~^\\])", rest):
+            out += match[1] or (match[2] and COMMANDS[match[2].removeprefix("text")]) or match[3] or match[4] or ""
+            rest = rest[match.end() :]
+        else:
+            raise AssertionError(f"TeX would act on {rest!r}")
+    assert "--" not in source and not re.match(r" *[\[*]", source)
+    return out
+
+
+def shown_by_markdown(source):
+    """Text that a Markdown table shows; any markup raises an error."""
+    within_words = re.sub(r"(?<=[^\W_])_(?=[^\W_])", r"\\_", source)
+    out, rest = "", within_words
+    while rest:
+        match = re.match(r"\\([!-/:-@\[-`{-~])|([^\\`*_{}\[\]<>|~$&#!\n])", rest)
+        assert match, f"Markdown would act on {rest!r}"
+        out, rest = out + (match[1] or match[2]), rest[match.end() :]
+    return out
+
+
+def in_a_line(text):
+    return re.sub(r"[\n\r\t]+", " ", text)
+
+
+@settings(max_examples=300, deadline=None)
+@given(TEXTS)
+@example("_a_")
+def test_all_letters_are_shown_and_none_is_acted_on(text):
+    assert shown_by_tex(symbols.tex(text)) == in_a_line(text)
+    assert shown_by_markdown(symbols.markdown(text)) == in_a_line(text)

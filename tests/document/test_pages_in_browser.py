@@ -30,9 +30,7 @@ return [x / number, y / number];
 """
 """Script for the mean position of the pixels of force arrows."""
 
-RIGHT, END = "\ue014", "\ue010"
-"""Keys, by the standard."""
-
+RIGHT, END = "\ue014", "\ue010"  # Keys, by the standard.
 CHART = "return document.querySelectorAll('canvas.chart')[arguments[0]].toDataURL()"
 SLIDE = "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
 

@@ -14,8 +14,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.setup import PRIORS
 from ident.tolerances import STRIBECK
 
-SMALL = 1e-4
-"""Size of rotations whose third order is negligible."""
+SMALL = 1e-4  # Size of rotations whose third order is negligible.
 
 
 def joint_body(tree, joint):

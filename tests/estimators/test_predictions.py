@@ -5,6 +5,7 @@ from dataclasses import replace
 import driven_arm
 import numpy as np
 import pytest
+from mechanisms import by_joint
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
@@ -60,8 +61,7 @@ def creeping():
     torque = driven_arm.torques(q, dq, ddq) + friction
     rng = np.random.default_rng(1)
     torque, q = torque + 0.02 * rng.normal(size=q.shape), q + 1e-4 * rng.normal(size=q.shape)
-    channels = {f"{j}_position": x for j, x in zip(driven_arm.JOINTS, q.T, strict=True)}
-    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(driven_arm.JOINTS, torque.T, strict=True)})
+    return ident.Recording(t, by_joint(driven_arm.JOINTS, position=q, torque=torque))
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from malformed_logs import JOINTS, LEG, PLAIN, WRENCH, N, Q, T
@@ -49,14 +50,8 @@ def write(path, columns=PLAIN):
 
 def refusal(path, mapping=None):
     """The error sentence for a log."""
-    columns = None
-    if mapping is not None:
-        columns = path.with_name("c.toml")
-        columns.write_text(mapping)
-    with pytest.raises(LogError) as error:
-        read_log(path, LEG, columns)
-    sentence = str(error.value)
-    assert sentence.startswith(f"{path}: ") and "\n" not in sentence and len(sentence) < 500
+    sentence = sentence_of(read_log, path, LEG, mapping)
+    assert sentence.startswith(f"{path}: ") and len(sentence) < 500
     return sentence
 
 
@@ -117,23 +112,15 @@ def changed(old, new):
     return lambda text: text.replace(old, new, 1)
 
 
-MOT = {
-    "no end of the header": (changed("endheader\n", ""), "needs a line 'endheader' before its table; there is none"),
-    "more rows": (changed("nRows=40", "nRows=41"), "promises 41 rows (nrows), the table has 40"),
-    "fewer columns": (changed("nColumns=3", "nColumns=2"), "promises 2 columns (ncolumns), the table has 3"),
-    "no number of rows": (changed("nRows=40", "nRows=many"), "promises many rows"),
-    "degrees": (changed("inDegrees=yes", "inDegrees=maybe"), "inDegrees needs to be yes or no, got 'maybe'"),
-    "no rows": (lambda text: text[: text.index("time\t")], "the file is empty"),
-    "names alone": (lambda text: text[: text.index("0.0\t")], "the file has no rows after its header"),
-}
-
-
-@pytest.mark.parametrize(("damage", "message"), MOT.values(), ids=MOT.keys())
-def test_damaged_motion_files(tmp_path, damage, message):
-    write_mot(tmp_path / "log.mot", PLAIN)
-    text = damage((tmp_path / "log.mot").read_text())
-    (tmp_path / "log.mot").write_bytes(text.encode("latin-1"))
-    assert message in refusal(tmp_path / "log.mot")
+MOT = [
+    ("log.mot", changed("endheader\n", ""), "needs a line 'endheader' before its table; there is none"),
+    ("log.mot", changed("nRows=40", "nRows=41"), "promises 41 rows (nrows), the table has 40"),
+    ("log.mot", changed("nColumns=3", "nColumns=2"), "promises 2 columns (ncolumns), the table has 3"),
+    ("log.mot", changed("nRows=40", "nRows=many"), "promises many rows"),
+    ("log.mot", changed("inDegrees=yes", "inDegrees=maybe"), "inDegrees needs to be yes or no, got 'maybe'"),
+    ("log.mot", lambda text: text[: text.index("time\t")], "the file is empty"),
+    ("log.mot", lambda text: text[: text.index("0.0\t")], "the file has no rows after its header"),
+]
 
 
 def sixth(x, y):
@@ -141,30 +128,31 @@ def sixth(x, y):
     return lambda text: re.sub(r"(\n6\t0\.05\t)[^\t]*\t[^\t]*", rf"\g<1>{x}\t{y}", text)
 
 
-TRC = {
-    "no markers' file": (changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
-    "no unit": (changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
-    "feet": (changed("\tmm", "\tft"), "need to be one of m, cm, mm, meters, centimeters, millimeters; got ft"),
-    "zero rate": (changed("100\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
-    "another rate": (changed("100\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
-    "more frames": (changed("\t40\t", "\t41\t"), "promises 41 as NumFrames, the file has 40"),
-    "more markers": (changed("\t2\tmm", "\t3\tmm"), "promises 3 as NumMarkers, the file has 2"),
-    "labels twice": (changed("ankle", "hip"), "markers need different labels, 'hip' is given to more than one"),
-    "a word": (changed("\t0.05\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
-    "no frames": (changed("Frame#", "Image"), "row 4 of a .trc file begins with Frame# and Time, got 'Image'"),
-    "infinite": (changed("\t0.05\t", "\tinf\t"), "row 12 needs finite numbers, got 'inf'"),
-    "half a marker": (sixth("1", ""), "frame 6: marker 'ankle' has some of x, y and z only"),
-    "far away": (sixth("9e30", "0"), "frame 6: marker 'ankle' needs positions below"),
-    "no time": (changed("\t0.05\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
-    "a long row": (changed("\t0.05\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
-}
+TRC = [
+    ("log.trc", changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
+    ("log.trc", changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
+    ("log.trc", changed("\tmm", "\tft"), "need to be one of m, cm, mm, meters, centimeters, millimeters; got ft"),
+    ("log.trc", changed("100\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
+    ("log.trc", changed("100\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
+    ("log.trc", changed("\t40\t", "\t41\t"), "promises 41 as NumFrames, the file has 40"),
+    ("log.trc", changed("\t2\tmm", "\t3\tmm"), "promises 3 as NumMarkers, the file has 2"),
+    ("log.trc", changed("ankle", "hip"), "markers need different labels, 'hip' is given to more than one"),
+    ("log.trc", changed("\t0.05\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
+    ("log.trc", changed("Frame#", "Image"), "row 4 of a .trc file begins with Frame# and Time, got 'Image'"),
+    ("log.trc", changed("\t0.05\t", "\tinf\t"), "row 12 needs finite numbers, got 'inf'"),
+    ("log.trc", sixth("1", ""), "frame 6: marker 'ankle' has some of x, y and z only"),
+    ("log.trc", sixth("9e30", "0"), "frame 6: marker 'ankle' needs positions below"),
+    ("log.trc", changed("\t0.05\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
+    ("log.trc", changed("\t0.05\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
+]
 
 
-@pytest.mark.parametrize(("damage", "message"), TRC.values(), ids=TRC.keys())
-def test_damaged_marker_files(tmp_path, damage, message):
-    write(tmp_path / "log.trc")
-    (tmp_path / "log.trc").write_text(damage((tmp_path / "log.trc").read_text()))
-    assert message in refusal(tmp_path / "log.trc")
+@pytest.mark.parametrize(("name", "damage", "message"), [*MOT, *TRC])
+def test_damaged_texts(tmp_path, name, damage, message):
+    path = tmp_path / name
+    write(path)
+    path.write_text(damage(path.read_text()))
+    assert message in refusal(path)
 
 
 def test_bags_that_are_refused(tmp_path):
@@ -188,7 +176,7 @@ def test_bags_that_are_refused(tmp_path):
 
 def test_c3d_files_that_are_refused(tmp_path):
     ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
-    path, mapping = tmp_path / "log.c3d", '[joints.ankle]\nposition = "ankle.x"\n[joints.hip]\nposition = "hip.x"\n'
+    path, mapping = tmp_path / "log.c3d", {"joints": {joint: {"position": f"{joint}.x"} for joint in JOINTS}}
 
     def rewritten(group, entry, value):
         write(path)
@@ -199,7 +187,7 @@ def test_c3d_files_that_are_refused(tmp_path):
     rewritten("POINT", "LABELS", ["hip", "hip"])
     assert "markers need different labels, 'hip' is given to more than one" in refusal(path, mapping)
     rewritten("FORCE_PLATFORM", "TYPE", np.array([99]))
-    plate = mapping + '[wrenches.ground]\nforce = ["plate1_force.x", "plate1_force.y", "plate1_force.z"]'
+    plate = mapping | {"wrenches": {"ground": {"force": [f"plate1_force.{axis}" for axis in "xyz"]}}}
     assert "wrenches.ground.force is mapped to column 'plate1_force.x', but the file has" in refusal(path, plate)
     write_c3d(path, 100.0, {joint: np.full((N, 3), np.nan) for joint in JOINTS}, None, JOINTS)
     assert "column 'ankle.x' is empty, but joints.ankle.position needs it" in refusal(path, mapping)

@@ -2,9 +2,11 @@
 
 import gzip
 import json
+import re
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, LEG, PLAIN, WRENCH, N, Q, T
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
@@ -51,8 +53,7 @@ def test_matlab_arrays_and_structures(tmp_path):
     log = read_log(tmp_path / "log.mat", LEG)
     same_as_csv(tmp_path, log)
     assert log.unused == [f"wrench.{what}.{axis}" for what in "FM" for axis in "xyz"]
-    (tmp_path / "c.toml").write_text('[wrenches.ground]\nforce = ["wrench.F.x", "wrench.F.y", "wrench.F.z"]')
-    log = read_log(tmp_path / "log.mat", LEG, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.mat", LEG, {"wrenches": {"ground": {"force": [f"wrench.F.{x}" for x in "xyz"]}}})
     np.testing.assert_array_equal(log["ground_force"], WRENCH[:, :3])
 
 
@@ -65,20 +66,14 @@ def test_parquet(tmp_path):
     columns = {name: x for name, x in COLUMNS.items() if name[:8] != "ground_f"}
     write_parquet(tmp_path / "log.parquet", {**columns, "time": stamps, "ground_force": force})
     same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
-    (tmp_path / "c.toml").write_text('time = { column = "time", unit = "ms" }')
     with pytest.raises(LogError, match="time is mapped in another unit than the file's, which says s"):
-        read_log(tmp_path / "log.parquet", LEG, tmp_path / "c.toml")
+        read_log(tmp_path / "log.parquet", LEG, {"time": {"column": "time", "unit": "ms"}})
 
 
-C3D = """
-[joints.ankle]
-position = "ankle.x"
-[joints.hip]
-position = "hip.x"
-[wrenches.ground]
-force = ["plate1_force.x", "plate1_force.y", "plate1_force.z"]
-torque = ["plate1_torque.x", "plate1_torque.y", "plate1_torque.z"]
-"""
+C3D = {
+    "joints": {joint: {"position": f"{joint}.x"} for joint in JOINTS},
+    "wrenches": {"ground": {kind: [f"plate1_{kind}.{axis}" for axis in "xyz"] for kind in ("force", "torque")}},
+}
 
 
 def points():
@@ -89,8 +84,7 @@ def points():
 def test_c3d_has_a_platform_at_its_own_rate(tmp_path):
     pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
     write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS, {"emg": FAST_TIME})
-    (tmp_path / "c.toml").write_text(C3D)
-    log = read_log(tmp_path / "log.c3d", LEG, tmp_path / "c.toml")
+    log = read_log(tmp_path / "log.c3d", LEG, C3D)
     np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, atol=1e-6)
     force, torque = (log.as_measured(f"ground_{kind}") for kind in ("force", "torque"))
     np.testing.assert_allclose(force.time, FAST_TIME, atol=1e-12)
@@ -151,14 +145,8 @@ def test_joints_of_several_topics_are_named_by_their_topics(tmp_path):
 CONTRADICTIONS = {
     "time": ('time = "x"', "this file knows the times of its columns; leave time out"),
     "layout": ("[file]\nskip = 1", "the mapping's [file] tells how text is laid out, but this file is none"),
-    "unit": (
-        '[joints.hip]\nposition = { column = "hip_position", unit = "deg" }',
-        "joints.hip.position is mapped in another unit than the file's, which says rad",
-    ),
-    "two rates": (
-        '[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]',
-        "wrenches.ground.force needs columns of the same times, 'ground_force.x' and 'x.0' have times of their own",
-    ),
+    "unit": ('[joints.hip]\nposition = { column = "hip_position", unit = "deg" }', "joints.hip.position is mapped in"),
+    "two rates": ('[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]', "wrenches.ground.force needs columns of"),
 }
 
 
@@ -167,9 +155,7 @@ def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     write_bag(tmp_path / "log.bag", {"/j": (T, joint_states()), "/ground": (FAST_TIME, FAST), "/x": (T, Q)})
     (tmp_path / "c.toml").write_text(mapping)
-    with pytest.raises(LogError) as error:
-        read_log(tmp_path / "log.bag", LEG, tmp_path / "c.toml")
-    assert message in str(error.value) and "\n" not in str(error.value)
+    assert message in sentence_of(read_log, tmp_path / "log.bag", LEG, tmp_path / "c.toml")
 
 
 def lines(n=N):
@@ -183,22 +169,14 @@ def lines(n=N):
 
 def written(path, rows):
     text = "\n".join(row if isinstance(row, str) else json.dumps(row) for row in rows) + "\n"
-    if path.suffix == ".gz":
-        path.write_bytes(gzip.compress(text.encode()))
-    else:
-        path.write_text(text, encoding="utf-8")
+    path.write_bytes(gzip.compress(text.encode()) if path.suffix == ".gz" else text.encode())
     return path
-
-
-def table(path):
-    (whole,) = read_tables(path)
-    return whole
 
 
 @pytest.mark.parametrize("name", ["log.jsonl", "LOG.NDJSON", "log.jsonl.gz"])
 def test_arrays_and_objects_are_columns(tmp_path, name):
     path = written(tmp_path / name, lines())
-    columns = table(path).cells
+    columns = next(iter(read_tables(path))).cells
     assert list(columns) == [
         *("time", "q.0", "q.1", "e.0", "e.1", "ft.F.x", "ft.F.y", "ft.F.z", "ft.M.x", "ft.M.y", "ft.M.z", "mode", "on")
     ]
@@ -217,10 +195,7 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
         (lambda rows: [*rows, "[" * 100_000], rf"row {N + 1} needs an object of JSON"),
         (lambda rows: ["", *rows[:3], {**rows[3], "q.1": 2}, *rows[4:]], r"row 5 has two values named 'q.1'"),
         (lambda rows: [*rows[:9], {"time": T[9], "q": [0.1]}, *rows[10:]], "row 10, column 'q.1' is empty"),
-        (
-            lambda rows: [*rows[:9], {**rows[9], "q": [0.1, "x"]}, *rows[10:]],
-            "row 10, column 'q.1' needs a number, .*x",
-        ),
+        (lambda rows: [*rows[:9], {**rows[9], "q": [0.1, "x"]}, *rows[10:]], "row 10, column 'q.1' needs a number"),
         (lambda rows: [*rows[:9], {**rows[9], "q": [0.1, 1e400]}, *rows[10:]], "row 10, column 'q.1' needs a finite"),
         (lambda rows: [json.dumps(rows)], "row 1 needs an object of JSON"),
         (lambda rows: rows[:3], "at least 10 samples, it has 3"),
@@ -229,9 +204,8 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
 )
 def test_errors_name_the_row(tmp_path, change, message):
     path = written(tmp_path / "log.jsonl", change(lines()))
-    with pytest.raises(LogError, match=message) as raised:
-        read_log(path, LEG, {"joints": {x: {"position": f"q.{k}"} for k, x in enumerate(JOINTS)}})
-    assert "\n" not in str(raised.value)
+    mapping = {"joints": {x: {"position": f"q.{k}"} for k, x in enumerate(JOINTS)}}
+    assert re.search(message, sentence_of(read_log, path, LEG, mapping))
 
 
 TIME = np.arange(4) / 100

@@ -7,7 +7,7 @@ import zipfile
 import driven_arm
 import numpy as np
 import pytest
-from estimates import jointly, quick
+from driven_arm import jointly, quick
 
 import ident
 from ident.errors import InputError

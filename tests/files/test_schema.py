@@ -9,10 +9,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from commands import sentence_of
 
 from experiments.studies import study_entries
 from ident.annotations import NotNegative, Point, Positive, Vector, one_of
-from ident.errors import InputError, LogError
+from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.limits import made
 from ident.files.table import Table
@@ -94,9 +95,7 @@ def test_entries_become_what_the_annotations_say():
     ],
 )
 def test_what_does_not_fit_is_one_sentence(change, message):
-    with pytest.raises(LogError) as refused:
-        made(Cart, "cart", {**GIVEN, **change}, file="carts.toml")
-    assert str(refused.value).startswith(message) and "\n" not in str(refused.value)
+    assert sentence_of(made, Cart, "cart", {**GIVEN, **change}, file="carts.toml").startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -112,9 +111,7 @@ def test_the_longest_run_of_missing_samples_is_named(missing, message):
     x = np.arange(20.0)
     x[missing] = np.nan
     table = Table({"x": x}, range(2, 22), "row")
-    with pytest.raises(LogError) as refusal:
-        table.column("x")
-    assert message in str(refusal.value)
+    assert message in sentence_of(table.column, "x")
     np.testing.assert_array_equal(table.column("x", gaps=True), x)
 
 

@@ -176,21 +176,30 @@ def with_header(text):
 
 
 HEADER = "{'descr': '<f8', 'fortran_order': False, 'shape': %s, }"
-EVIL = {
-    "open bracket": (with_header(HEADER % "(40,("), zipfile.ZIP_STORED),
-    "deep": (with_header(HEADER % ("(" * 3000)), zipfile.ZIP_STORED),
-    "absurd": (with_header(HEADER % "(10000000000000000,)"), zipfile.ZIP_STORED),
-    "overflow": (with_header(HEADER % "(4611686018427387904, 16)"), zipfile.ZIP_STORED),
-    "endless and empty": (with_header(HEADER % "(0, 400000000)"), zipfile.ZIP_STORED),
-    "negative": (with_header(HEADER % "(-40,)"), zipfile.ZIP_STORED),
-    "no type": (with_header(HEADER.replace("<f8", "<q9") % "(40,)"), zipfile.ZIP_STORED),
-    "long": (with_header(HEADER % "(40,)" + " " * 20_000), zipfile.ZIP_STORED),
-    "lzma": (X, zipfile.ZIP_LZMA),
-    "bzip2": (X, zipfile.ZIP_BZIP2),
-    "pickle": (npy(np.array([{}] * 40, object)), zipfile.ZIP_STORED),
-    "no array": (b"text", zipfile.ZIP_DEFLATED),
-    "empty": (b"", zipfile.ZIP_STORED),
-}
+FLOATS = HEADER % "(40,)"
+EVIL = [
+    (with_header(HEADER % "(40,("), "Cannot parse header|EOF in multi-line"),
+    (with_header(HEADER % ("(" * 3000)), ""),
+    (with_header(HEADER % "(10000000000000000,)"), ""),
+    (with_header(HEADER % "(4611686018427387904, 16)"), ""),
+    (with_header(HEADER % "(0, 400000000)"), ""),
+    (with_header(HEADER % "(-40,)"), ""),
+    (with_header(FLOATS.replace("<f8", "<q9")), ""),
+    (with_header(FLOATS + " " * 20_000), ""),
+    (X.replace(b"NUMPY\x01", b"NUMPY\x03"), "header of version 1 or 2, it has version 3"),
+    (X[:-8], r"array of \(40,\) float64 has another size than its 312 bytes"),
+    (X + b"more", r"array of \(40,\) float64 has another size than its 324 bytes"),
+    (X[:40], "reading array header"),
+    (npy(np.array([{}] * 40, object)), "needs real numbers in one or two dimensions, it holds object"),
+    (npy(np.ones(40, complex)), "holds complex128"),
+    (npy(np.array(["1"] * 40)), "holds <U1"),
+    (npy(np.ones((40, 1, 1))), r"one or two dimensions, it holds float64 \(40, 1, 1\)"),
+    (npy(np.array(1.0)), r"one or two dimensions, it holds float64 \(\)"),
+    (b"text", "magic string"),
+    (b"", "magic string"),
+    (X, "", zipfile.ZIP_LZMA),
+    (X, "", zipfile.ZIP_BZIP2),
+]
 
 
 def archive(path, content, compression=zipfile.ZIP_STORED):
@@ -212,15 +221,17 @@ READERS = {
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
     "estimate": Estimate.load,
 }
+OURS = ("recording", "pieces")
 
 
-@pytest.mark.parametrize("read", READERS.values(), ids=READERS)
-def test_whatever_is_wrong_with_a_member_is_one_sentence(tmp_path, read):
-    for what, (content, compression) in EVIL.items():
-        path = archive(tmp_path / "evil.npz", content, compression)
-        with pytest.raises(InputError, match=r"evil\.npz") as raised:
-            read(path)
-        assert "\n" not in str(raised.value) and len(str(raised.value)) < 500, what
+@pytest.mark.parametrize("reader", READERS)
+def test_whatever_is_wrong_with_a_member_is_one_sentence(tmp_path, reader):
+    for content, message, *compression in EVIL:
+        path = archive(tmp_path / "evil.npz", content, *compression)
+        named = rf": member 'measured/elbow_position' cannot be read \(.*({message})" if reader in OURS else ""
+        with pytest.raises(InputError, match=rf"evil\.npz{named}") as raised:
+            READERS[reader](path)
+        assert "\n" not in str(raised.value) and len(str(raised.value)) < 500, content[:200]
 
 
 def unpacking(path, size, stated):

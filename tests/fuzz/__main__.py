@@ -1,8 +1,4 @@
-"""Runs commands on damaged input in one process, and counts how the cases end.
-
-Case k is the same for the same seed, whatever ran before. Ends with 1 unless every case was refused in a sentence or
-accepted.
-"""
+"""Runs commands on damaged input in one process, and counts how the cases end, which are the same for the same seed."""
 
 import argparse
 import faulthandler
@@ -31,15 +27,9 @@ from ident.errors import InputError
 from . import commands
 from .damage import NAMES, any_of, damaged
 
-STUCK = 600
-"""Seconds after which a case is ended together with the process: Python cannot interrupt every library."""
-
-HANG = 30
-"""Processor time in s after which a case counts as hanging; the slowest takes a few."""
-
-DRAWN = 40
-"""One of so many cases draws its figures, which takes longer than all the rest."""
-
+STUCK = 600  # Seconds after which a case is ended together with the process: Python cannot interrupt every library.
+HANG = 30  # Processor time in s after which a case counts as hanging; the slowest takes a few.
+DRAWN = 40  # One of so many cases draws its figures, which takes longer than all the rest.
 CLEAN = ("accepted", "refused")
 """Acceptable endings; others are `traceback`, `hang`, `foreign` for a library's words, `odd` for a bare exit code."""
 

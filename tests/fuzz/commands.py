@@ -19,16 +19,7 @@ Options = dict[str, tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Command:
-    """A command and its arguments.
-
-    Attributes:
-        module: Module of the command.
-        files: Kind of each file, `model`, `log`, `columns` or none, and its alternatives; two of a log beside a `+`.
-        right: Values of valid options, none for a flag; `@KIND NAME` is a file.
-        wrong: Invalid values; `@` is the first file.
-        always: Options without which the command says nothing else.
-        given: Arguments in place of the files' names.
-    """
+    """A command, its files by kind, and options with right and wrong values; `@KIND NAME` is a file, `@` the first."""
 
     module: ModuleType
     files: tuple[tuple[str, tuple[str, ...]], ...]

@@ -115,14 +115,7 @@ def _columns(data, rng):
         start, end = sorted(rng.integers(len(x) + 1, size=2)) if x.ndim else (0, 0)
         columns = [(n, np.delete(y, np.s_[start:end], 0) if y.ndim and len(y) == len(x) else y) for n, y in columns]
     elif kind == 4 and packed:
-        changed = [
-            x[None],
-            x.T,
-            x[..., :0] if x.ndim else x,
-            np.zeros(()),
-            x[: len(x) // 2] if x.ndim else x,
-            x.ravel(),
-        ]
+        changed = [x[None], x.T, x.ravel(), np.zeros(()), *([x[..., :0], x[: len(x) // 2]] if x.ndim else [])]
         changed += [x.real.astype(any_of(rng, TYPES))] if x.dtype.kind in "fiu" else []
         columns[k] = name, any_of(rng, changed)
     else:

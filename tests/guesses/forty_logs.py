@@ -6,34 +6,103 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import walker
+import wrist
 from guesses.odd_logs import DEG, text, vector
-from guesses.robots import FINGERS, UR, seven, ur
 from scipy.io import savemat
 
-ALPHABETICAL = sorted(range(6), key=UR.__getitem__)
-"""Joints of the six-axis robot in ROS's order."""
+import sim
+from ident.mechanism.mechanism import Mechanism
 
+UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+"""Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""
+
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+
+UR_LINKS = (
+    ("0 0 0.09", "0 0 1", 3.7, "0 -0.02 0.01"),
+    ("0 0.14 0", "0 1 0", 8.4, "0 0 0.28"),
+    ("0 -0.12 0.42", "0 1 0", 2.3, "0 0.01 0.25"),
+    ("0 0 0.39", "0 1 0", 1.2, "0.01 0.09 0.02"),
+    ("0 0.09 0", "0 0 1", 1.2, "0.03 0.01 0.05"),
+    ("0 0 0.09", "0 1 0", 0.6, "0.04 0.05 0.03"),
+)
+"""Position, axis, mass and centre of mass of each link."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
+
+    mechanism: Mechanism
+    joints: tuple[str, ...]
+    time: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray
+    base: np.ndarray
+
+
+@cache
+def ur():
+    """A robot like Universal Robots' 5."""
+    links = [
+        f'<body name="link{k}" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" pos="{com}" '
+        'diaginertia="0.02 0.02 0.01"/>'
+        for k, ((place, axis, mass, com), joint) in enumerate(zip(UR_LINKS, UR, strict=True), start=1)
+    ]
+    return _recorded("".join(links) + "</body>" * len(links), UR)
+
+
+@cache
+def seven(pattern="panda_joint{}", fingers=False):
+    """A robot like Franka's or KUKA's with seven joints, perhaps with two fingers."""
+    names = [pattern.format(k) for k in range(1, 8)]
+    fingered = "".join(
+        f'<body name="finger{k}"><joint name="{name}" type="slide" axis="0 {y} 0"/>'
+        '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
+        for k, (name, y) in enumerate(zip(FINGERS, (1, -1), strict=True))
+    )
+    text = wrist.model(beyond=fingered if fingers else "")
+    for k in range(7, 0, -1):
+        text = text.replace(f'"joint{k}"', f'"{names[k - 1]}"')
+    return _recorded(text.split("<worldbody>")[1].split("</worldbody>")[0], tuple(names))
+
+
+def _recorded(bodies, joints):
+    """A motion of six seconds, with its torques and base wrench."""
+    spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
+    model = spec.compile()
+    data, n = mujoco.MjData(model), len(joints)
+    time, q, dq, ddq = wrist.motion(6.0)
+    order = np.random.default_rng(3)
+    tau, ground = np.empty((len(time), n)), np.empty((len(time), 6))
+    for k in range(len(time)):
+        data.qpos[:n], data.qvel[:n], data.qacc[:n] = q[k, :n], dq[k, :n], ddq[k, :n]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        tau[k] = data.qfrc_inverse[:n]
+        # Of the base's body: torque and force about the centre of mass of all, moved to the world's origin.
+        moment, force = data.cfrc_int[1, :3], data.cfrc_int[1, 3:]
+        ground[k] = np.append(force, moment + np.cross(data.subtree_com[model.body_rootid[1]], force))
+    friction = np.array([3.0, 3, 2, 1, 0.5, 0.3, 0.1])[:n] * np.tanh(dq[:, :n] / 0.05) * 0.2
+    tau = tau + friction + 0.02 * np.ptp(tau, axis=0) * order.normal(size=tau.shape)
+    ground = ground + 0.01 * np.ptp(ground, axis=0) * order.normal(size=ground.shape)
+    q = q[:, :n] + 1e-5 * order.normal(size=(len(time), n))
+    mechanism = sim.mechanism(spec, base="base")
+    return Robot(mechanism, joints, time, q, dq[:, :n] + 1e-3 * order.normal(size=q.shape), tau, ground)
+
+
+ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
 PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
 """Name, factor and start of columns of times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A log with its true mapping.
-
-    Attributes:
-        tool: Driver or tool with these column names.
-        about: Special features.
-        columns: Columns of numbers or words by name (N,).
-        mechanism: The recorded mechanism.
-        truth: Column of each quantity as `JOINT.KIND`, with the factor to SI; None without a column.
-        wrenches: Columns of each wrench, forces first, and the body that it acts on; None for the ground.
-        asked: True if something is open that only its owner knows.
-        between: Separator of columns; `mat` for a MATLAB file.
-        header: True if it has a row of names.
-    """
+    """A log of a tool; `truth` has the column of each `JOINT.KIND` and its factor to SI, `asked` if some is open."""
 
     tool: str
     about: str
@@ -61,17 +130,7 @@ def series(pattern, x):
 
 
 def columns_of(robot, *patterns, first=0, order=None, labels=None, clock=PLAIN, scale=(1.0, 1.0, 1.0)):
-    """Columns of positions, velocities and torques, and their true mapping.
-
-    Args:
-        robot: The robot.
-        patterns: Names of the columns; "" for no columns.
-        first: First number, one for all or for each quantity.
-        order: Joints in the order of the columns, by default from the base on.
-        labels: What names have in place of numbers, from the base on.
-        clock: Name, factor and start of the column of times.
-        scale: Factors from SI units to those of the columns, a number or one for each joint.
-    """
+    """Columns of positions, velocities and torques named by patterns, `scale` times SI units, and their mapping."""
     name, factor, start = clock
     columns, truth, order = {name: factor * (robot.time + start)}, {}, list(order or range(len(robot.joints)))
     firsts = first if isinstance(first, Sequence) else (first,) * 3
@@ -85,14 +144,7 @@ def columns_of(robot, *patterns, first=0, order=None, labels=None, clock=PLAIN, 
 
 
 def arm(tool, about, robot, *patterns, beside=None, wrench=(), asked=False, lacking=(), **how):
-    """A log of an arm, arguments as for `columns_of`.
-
-    Args:
-        beside: Other columns.
-        wrench: Patterns of the ground's force and moment.
-        asked: As for `Log`.
-        lacking: Joints without columns.
-    """
+    """A log of an arm, arguments as for `columns_of`; `wrench` has patterns of the ground's force and moment."""
     columns, truth = columns_of(robot, *patterns, **how)
     parts = [vector(pattern, x) for pattern, x in zip(wrench, (robot.base[:, :3], robot.base[:, 3:]), strict=False)]
     ground = {name: x for part in parts for name, x in part.items()}

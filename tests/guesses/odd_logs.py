@@ -11,8 +11,7 @@ from ident.recordings.smoothing import smoothed
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 DEG = 180 / np.pi
-GAINS = (4.2, -2.5)
-"""Gains of the motors, N m/A."""
+GAINS = (4.2, -2.5)  # Gains of the motors, N m/A.
 
 
 @cache

@@ -1,17 +1,23 @@
-"""Guesses for logs of ten drivers and tools are right or left open, never wrong."""
+"""Guesses for logs of ten drivers and tools are right or left open; they give way to the model and the file."""
 
 import re
 from collections import Counter
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
+import driven_arm
+import numpy as np
 import pytest
-from guesses.forty_logs import logs
+from guesses.forty_logs import columns_of, logs, seven, ur
+from guesses.odd_logs import arm, recording, text
 
 import experiments
-from experiments.guesses.belief import DOUBTFUL
+from experiments.guesses.belief import DOUBTFUL, toml_text
 from experiments.guesses.guess import believed
 from ident.files.column import CURRENT
+from ident.model.regressor import joint_torque_regressor
+from ident.recordings.mapping import read_mapping
 from ident.recordings.plates import AUTO
 
 
@@ -66,3 +72,59 @@ def test_the_table_of_the_documentation_counts_them():
     tools = list(dict.fromkeys(log.tool for log in logs()))
     expected = [(tool, str(counted[tool, False]), str(counted[tool, True]), "0") for tool in tools]
     assert rows == [*expected, ("all", *(str(sum(int(row[k]) for row in expected)) for k in (1, 2, 3)))]
+
+
+def belief_of(folder, columns, mechanism):
+    """Belief about a log of some columns."""
+    (folder / "log.csv").write_text(text(columns), encoding="utf-8")
+    return believed(mechanism, [folder / "log.csv"])
+
+
+def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(tmp_path):
+    for robot, taken in ((seven(), True), (ur(), False)):
+        belief = belief_of(tmp_path, columns_of(robot, "q_{}", "dq_{}")[0], robot.mechanism)
+        assert belief.complete == taken and bool(belief.open) != taken
+        assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
+
+
+@pytest.mark.parametrize("name", ["may", "in", "position"])
+def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
+    mechanism, r, names = arm(), recording(), {"joint1": "first", "joint2": name}
+    bodies = tuple(replace(body, joint=names.get(body.joint, body.joint)) for body in mechanism.tree.bodies)
+    renamed = replace(mechanism, tree=replace(mechanism.tree, bodies=bodies), drives={})
+    columns = {"time": r.time, "first_motor": r["joint1_position"], "first_load": r["joint1_position"]}
+    belief = belief_of(tmp_path, columns | {"room": np.sin(r.time)}, renamed)
+    assert any("'first' may be in first_motor or in first_load" in sentence for sentence in belief.open)
+    assert any(f"No column looks like the position of '{name}'" in sentence for sentence in belief.open)
+
+
+@pytest.mark.parametrize("name", ["tau_{} [Nm]", "tau_{}"])
+def test_no_gain_is_written_that_the_file_contradicts(tmp_path, name):
+    # A wrist whose load differs from the model's; the other joints are right.
+    robot = replace(seven(), tau=seven().tau * [1, 1, 1, 1, 1, 13, 1])
+    belief = belief_of(tmp_path, columns_of(robot, "q_{}", "dq_{}", name)[0], robot.mechanism)
+    assert {(x.gain, x.unit) for x in belief.of("torque").values()} == {(1.0, "N m")}
+    assert "but no gain is put for it" in belief.of("torque")["panda_joint6"].why[-1]
+
+
+def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
+    robot = seven()
+    raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
+    columns = columns_of(robot, "q_{}", "", "tau_{}")[0] | columns_of(raw, "", "", "tau_raw_{}")[0]
+    belief = belief_of(tmp_path, columns, robot.mechanism)
+    assert belief.complete and belief.of("torque") == {}
+    assert any(sentence.startswith("The torques may be those of tau_") for sentence in belief.open)
+
+
+@pytest.mark.parametrize("rpy", [(180.0, 0.0, 0.0), (0.0, 90.0, 0.0), (-90.0, 0.0, 0.0)])
+def test_a_base_in_another_orientation_is_written_and_no_sign_is_turned(tmp_path, rpy):
+    robot, rng = driven_arm.mechanism(**driven_arm.NONE), np.random.default_rng(1)
+    t, q, dq, ddq = driven_arm.motion(rng)
+    torques = 1.1 * joint_torque_regressor(robot.tree, q, dq, ddq, gravity=robot.mounted(rpy).gravity) @ robot.known
+    torques += 0.3 * np.tanh(dq / 0.01) + rng.normal(scale=0.05, size=torques.shape)
+    values = {"position": q, "torque": torques}
+    columns = {f"{j}_{kind}": x[:, k] for kind, x in values.items() for k, j in enumerate(robot.tree.joints)}
+    belief = belief_of(tmp_path, {"time": t} | columns, robot)
+    (tmp_path / "columns.toml").write_text(toml_text(belief), encoding="utf-8")
+    assert read_mapping(tmp_path / "columns.toml", robot.tree).base_rpy_deg == rpy
+    assert all(x.gain == 1 for x in belief.quantities.values())

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
+from guesses.forty_logs import seven
 from guesses.odd_logs import DEG, text, vector
-from guesses.robots import seven
 
 import ident
 import scenes
@@ -138,12 +138,7 @@ def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
     assert mapped(belief, "command") == ({"lift": names[1]} if "command" in names[1] else {})
 
 
-WRIST = [
-    ("FT{}", "MT{}"),
-    ("F{}_ATI", "T{}_ATI"),
-    ("Kraft_{}", "Drehmoment_{}"),
-    ("tool.force.{}", "tool.torque.{}"),
-]
+WRIST = [("FT{}", "MT{}"), ("F{}_ATI", "T{}_ATI"), ("Kraft_{}", "Drehmoment_{}"), ("tool.force.{}", "tool.torque.{}")]
 
 
 @pytest.mark.parametrize(("force", "torque", "torques"), [(*WRIST[0], False), (*WRIST[-1], False), (*WRIST[0], True)])

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import driven_arm
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, sines
 from scipy import signal
 
 from ident.estimation.equations import COMPONENTS
@@ -59,8 +59,7 @@ def test_a_missing_contact_is_found(body):
 def several_sines(rng, seconds, rate):
     """A motion of two joints."""
     time, w = np.arange(0, seconds, 1 / rate), 2 * np.pi * rng.uniform(0.2, 1.2, (2, 3))
-    a, angle = rng.uniform(0.1, 0.5, (2, 3)), time[:, None, None] * w + rng.uniform(0, 6, (2, 3))
-    return Motion(*((a * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle))))
+    return Motion(*sines(time, rng.uniform(0.1, 0.5, (2, 3)), w, rng.uniform(0, 6, (2, 3))))
 
 
 def slow(rng, samples, rate, channels=3):

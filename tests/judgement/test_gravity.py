@@ -5,6 +5,7 @@ from dataclasses import replace
 import driven_arm
 import numpy as np
 import pytest
+from mechanisms import by_joint
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -90,8 +91,8 @@ def test_what_only_looks_like_it_is_none():
 def log_of(rpy, seed=1):
     """A log of the torques of the arm on a base mounted so."""
     t, motion, torques, _ = recorded(rpy, seed=seed)
-    positions = {f"{joint}_position": x for joint, x in zip(ARM.tree.joints, motion.q.T, strict=True)}
-    return {"time": t, **positions, **{f"{joint}_torque": x for joint, x in torques.items()}}
+    torques = {f"{joint}_torque": x for joint, x in torques.items()}
+    return {"time": t, **by_joint(ARM.tree.joints, position=motion.q), **torques}
 
 
 def test_the_first_finding_says_what_to_write_and_with_it_the_estimate_is_usable():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sagittal_walker
 from coded import coded
+from mechanisms import by_joint
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
 from slow_pendulum import recorded
 
@@ -133,9 +134,9 @@ def recording(kind, delay, rate, seconds=40.0):
     function = joint_torque_regressor if kind == "torque" else base_wrench_regressor
     channels = function(ARM.tree, *(x[late] for x in states), gravity=ARM.gravity) @ ARM.known
     channels = 1.2 * channels + 0.02 * channels.std(axis=0) * rng.normal(size=channels.shape)
-    named = {f"{joint}_position": x for joint, x in zip(ARM.tree.joints, states[0][at].T, strict=True)}
+    named = by_joint(ARM.tree.joints, position=states[0][at])
     if kind == "torque":
-        named |= {f"{joint}_torque": x for joint, x in zip(ARM.tree.joints, channels.T, strict=True)}
+        named |= by_joint(ARM.tree.joints, torque=channels)
     else:
         named |= {"ground_force": channels[:, :3], "ground_torque": channels[:, 3:]}
     return ident.Recording(t[at], named)

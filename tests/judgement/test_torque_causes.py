@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import by_joint
 
 import ident
 import scenes
@@ -44,8 +45,7 @@ def recorded(torques, noise=0.03, seconds=10.0):
     )
     torque = torques(moved - held, held, q, dq) + noise * rng.normal(size=q.shape)
     q = q + 2e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(JOINTS, torque.T, strict=True)})
+    return ident.Recording(t, by_joint(JOINTS, position=q, torque=torque))
 
 
 def rubs(dq):
@@ -82,12 +82,8 @@ def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
     states = {"q": q, "dq": dq, "ddq": ddq}
     torque = ident.joint_torque_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
     wrench = ident.base_wrench_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
-    channels = {
-        f"{j}_{kind}": x
-        for kind, of in (("position", q), ("velocity", dq), ("acceleration", ddq))
-        for j, x in zip(mechanism.joints, of.T, strict=True)
-    }
-    felt = {f"{j}_torque": x + 0.01 * rng.normal(size=len(x)) for j, x in zip(mechanism.joints, torque.T, strict=True)}
+    channels = by_joint(mechanism.joints, position=q, velocity=dq, acceleration=ddq)
+    felt = by_joint(mechanism.joints, torque=torque + 0.01 * rng.normal(size=torque.T.shape).T)
     options = {"estimator": "ordinary", "drive": ()}
     estimate = ident.identify(mechanism, ident.Recording(t, channels | felt), **options)
     (finding,) = coded(estimate, "loop_left_out")

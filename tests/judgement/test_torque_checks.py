@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import wrist
 from coded import coded
+from mechanisms import by_joint
+from random_models import inverse_dynamics
 from scipy import signal
 
 import ident
@@ -38,17 +40,12 @@ def heavier(factor):
 def log(*, hand=True, load=1.0, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
     """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier(load) if hand else NO_HAND))
-    data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
-    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
-        mujoco.mj_inverse(true, data)
-        torques.append(data.qfrc_inverse.copy())
-    rng = np.random.default_rng(seed)
-    torque = off * np.array(torques) + friction * (0.6 * dq + 0.5 * np.sign(dq))
+    rng, (t, q, dq, ddq) = np.random.default_rng(seed), wrist.motion(seconds, rate)
+    torque = off * inverse_dynamics(true, q, dq, ddq)[0] + friction * (0.6 * dq + 0.5 * np.sign(dq))
     torque = torque + slow * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     torque = gains * torque + 0.03 * rng.normal(size=q.shape)
     q = q + 3e-4 * rng.normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(wrist.JOINTS, q.T, strict=True)}
-    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(wrist.JOINTS, torque.T, strict=True)})
+    return ident.Recording(t, by_joint(wrist.JOINTS, position=q, torque=torque))
 
 
 def checks(**faults):
@@ -91,8 +88,7 @@ def evidence_of(result):
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
     recording = log(hand=False, friction=1.0, seconds=10.0, rate=50.0)
     estimate = ident.identify(arm(), recording, drive=(), estimator="weighted", cutoff=4.0)
-    absent, friction = coded(estimate, "body_not_carried"), coded(estimate, "friction_not_fitted")
-    (absent,), (friction,) = absent, friction
+    (absent,), (friction,) = coded(estimate, "body_not_carried"), coded(estimate, "friction_not_fitted")
     assert friction.doubt and friction.values["drives"] == ("viscous", "coulomb")
     assert not absent.doubt and absent.values["body"] == "tool"
     clean = ident.identify(arm(), log(seconds=10.0, rate=50.0), drive=(), estimator="weighted", cutoff=4.0)
@@ -121,11 +117,9 @@ def shares_of(residual):
 def test_noise_is_not_taken_for_friction(rho, most):
     """The share that two columns explain by chance is subtracted; it is larger for correlated noise."""
     rng, size = np.random.default_rng(0), fitted().prepared.samples.measured.shape
-    shares = np.concatenate(
-        [shares_of(signal.lfilter([1], [1, -rho], rng.normal(size=size), axis=0)) for _ in range(6)]
-    )
-    assert 0.35 < np.mean(shares == 0) < 0.75
-    assert shares.mean() < most
+    noise = (signal.lfilter([1], [1, -rho], rng.normal(size=size), axis=0) for _ in range(6))
+    shares = np.concatenate(list(map(shares_of, noise)))
+    assert 0.35 < np.mean(shares == 0) < 0.75 and shares.mean() < most
 
 
 def axes(joints, **motors):

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
@@ -14,26 +15,11 @@ from ident.judgement.finding import Finding
 from ident.judgement.verdict import Outcome, Verdict, decided
 
 
-def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
-    """The pendulum in a motion of six sines, with white noise on angles and wrench.
-
-    Args:
-        seed: Seed of motion and noise.
-        seconds: Duration, s.
-        rate: Samples per second.
-        size: Size of the motion.
-        angle: Noise of the angles, rad.
-        force: Noise of the forces, N; that of the moments is a tenth, N m.
-        drag: Unmodelled force along y on the base over the square of the first joint's velocity, N s².
-    """
+def swung(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
+    """The pendulum in a motion of six sines, with noise (rad, N) and a drag along y that no model has (N s²)."""
     rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
-    w, a, phase = (
-        2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)),
-        size * rng.uniform(0.1, 0.5, (2, 3)),
-        rng.uniform(0, 6, (2, 3)),
-    )
-    at = time[:, None, None] * w + phase
-    q, dq, ddq = ((a * x).sum(axis=2) for x in (np.sin(at), w * np.cos(at), -w * w * np.sin(at)))
+    w, a = 2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)), size * rng.uniform(0.1, 0.5, (2, 3))
+    q, dq, ddq = sines(time, a, w, rng.uniform(0, 6, (2, 3)))
     wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
     wrench[:, 1] += drag * dq[:, 0] * np.abs(dq[:, 0])
     wrench += rng.normal(size=wrench.shape) * np.repeat([force, force / 10], 3)
@@ -43,14 +29,13 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
 @pytest.mark.slow
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
-    estimate = ident.identify(PENDULUM, sines(15, rate=500), held_out=sines(1015, rate=500))
+    estimate = ident.identify(PENDULUM, swung(15, rate=500), held_out=swung(1015, rate=500))
     assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
 
 
 def test_a_wrong_model_s_residuals_do():
-    estimate = ident.identify(
-        PENDULUM, sines(1, seconds=20, size=1, drag=10.0), held_out=sines(1001, 20, size=1, drag=10)
-    )
+    recording, other = (swung(seed, seconds=20, size=1, drag=10.0) for seed in (1, 1001))
+    estimate = ident.identify(PENDULUM, recording, held_out=other)
     (finding,) = coded(estimate, "residual_follows_motion")
     assert finding.doubt and "Fy" in finding.place.channels
 
@@ -58,7 +43,7 @@ def test_a_wrong_model_s_residuals_do():
 @pytest.fixture(scope="module")
 def estimate():
     """An estimate of a clean recording."""
-    return ident.identify(PENDULUM, sines(3, seconds=8, size=1))
+    return ident.identify(PENDULUM, swung(3, seconds=8, size=1))
 
 
 def with_ratios(estimate, **rivals):
@@ -84,10 +69,8 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     assert [channel for channel, (own, other) in pairs if own > NOTABLY * other] == ["Fy", "Fz", "Mx"]
     other = with_ratios(estimate, model=[0.5, 0.9, 0.6, 1, 1], squares=[1, 1, 1, 0.6, 1])
     doubt = other.verdict().worse
-    assert {name: set(pairs) for name, pairs in doubt.values["worse"].items()} == {
-        "least squares": {"My"},
-        "model": {"Fy", "Mx"},
-    }
+    worse = {name: set(pairs) for name, pairs in doubt.values["worse"].items()}
+    assert worse == {"least squares": {"My"}, "model": {"Fy", "Mx"}}
     assert doubt.values["take"] == "model"
 
 

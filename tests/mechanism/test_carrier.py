@@ -7,6 +7,7 @@ import sagittal_walker
 import walker
 import wrist
 from looped import CRANK, GRIPPER_EQUALITY, GRIPPER_LINKS, ROCKER, body, closed, text
+from mechanisms import sines
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -47,11 +48,9 @@ def test_what_cannot_be_carried_is_refused():
         ARM.beyond("hand")
     with pytest.raises(ident.InputError, match="from the whole mechanism"):
         TOOL.beyond("tool")
-    still = sim.mechanism(
-        mujoco.MjSpec.from_string('<mujoco><worldbody><body name="a"><geom size="1"/></body></worldbody></mujoco>')
-    )
+    still = '<mujoco><worldbody><body name="a"><geom size="1"/></body></worldbody></mujoco>'
     with pytest.raises(ident.InputError, match="No joint moves 'a'"):
-        still.beyond("a")
+        read(still).beyond("a")
 
 
 HAND = """<body name="hand" pos="0.3 0 0.12">
@@ -67,14 +66,11 @@ T = np.arange(600) / 100
 
 def swings(a, b):
     """A sum of sines and its derivatives (N,)."""
-    return [
-        sum(size * w**k * np.sin(w * T + k * np.pi / 2) for size, w in ((0.6, a), (0.2, b)))
-        for k in range(3)
-    ]  # fmt: skip
+    return sines(T, np.array([0.6, 0.2]), np.array([a, b]), 0.0)
 
 
-def read(model):
-    return sim.mechanism(mujoco.MjSpec.from_string(model))
+def read(model, **options):
+    return sim.mechanism(mujoco.MjSpec.from_string(model), **options)
 
 
 def motions():
@@ -134,10 +130,6 @@ def test_what_loops_hold_rests_with_the_joints_that_are_fixed():
 AT_REST = np.eye(4)
 
 
-def read_planar(text, **options):
-    return sim.mechanism(mujoco.MjSpec.from_string(text), **options)
-
-
 def turned(*rpy_deg):
     return pose(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix(), np.array([0.3, 0.1, -0.2]))
 
@@ -159,12 +151,12 @@ def test_components_are_those_in_the_sensors_axes():
 @pytest.mark.parametrize(
     "person",
     [
-        read_planar(sagittal_walker.text(gravity="0 0 -9.81")),
-        read_planar(sagittal_walker.text(gravity="0 -9.7 -1")),
-        read_planar(sagittal_walker.text(knee="0.1 0 1")),
-        read_planar(sagittal_walker.text(), fix={"tx": [0.0]}),
-        read_planar(sagittal_walker.text(), fix={"tilt": [0.2]}),
-        read_planar(sagittal_walker.text(), base="pelvis"),
+        read(sagittal_walker.text(gravity="0 0 -9.81")),
+        read(sagittal_walker.text(gravity="0 -9.7 -1")),
+        read(sagittal_walker.text(knee="0.1 0 1")),
+        read(sagittal_walker.text(), fix={"tx": [0.0]}),
+        read(sagittal_walker.text(), fix={"tilt": [0.2]}),
+        read(sagittal_walker.text(), base="pelvis"),
         sagittal_walker.mechanism().beyond("foot_r"),
         walker.mechanism(),
         sim.mechanism(scenes.load("double_pendulum"), base="base"),

@@ -101,9 +101,8 @@ def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
 
 
 def test_parallel_axes_leave_the_force_along_them_empty():
-    rng = np.random.default_rng(0)
     tree = double_pendulum()
-    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=[0, 0, -9.81])
+    Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 50), gravity=[0, 0, -9.81])
     assert abs(Y[:, 0]).max() < 1e-12 < abs(Y[:, 1:]).max(axis=(0, 2)).min()
 
 
@@ -118,12 +117,6 @@ def test_a_moving_base_is_a_free_joint_seen_from_the_body():
     expected = base_wrench_regressor(whole, q, dq, ddq, gravity=GRAVITY)
     computed = base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
     np.testing.assert_allclose(coAd(base.T) @ computed, expected, atol=1e-12 * abs(expected).max())
-
-
-def test_states_of_different_shapes_are_refused():
-    tree = double_pendulum()
-    with pytest.raises(ValueError, match=r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)"):
-        base_wrench_regressor(tree, np.zeros((5, 2)), np.zeros((4, 2)), np.zeros((5, 2)), gravity=[0, 0, -1])
 
 
 @pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])
@@ -157,10 +150,8 @@ def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques)
     derivatives = pulled_back(Mechanism(tree, gravity), Motion(*states), columns, adjoints, torques=torques)
     # One direction for each sample; steps are small against quaternions too.
     direction = [rng.normal(size=x.shape) for x in states]
-    up, down = (
-        of(tree, *(x + s * STEP * d for x, d in zip(states, direction, strict=True)), gravity=gravity, columns=columns)
-        for s in (1, -1)
-    )
+    near = [[x + s * STEP * d for x, d in zip(states, direction, strict=True)] for s in (1, -1)]
+    up, down = (of(tree, *moved, gravity=gravity, columns=columns) for moved in near)
     expected = np.sum(adjoints * (up - down), axis=(1, 2)) / (2 * STEP)
     along = sum(np.sum(own * d, axis=1) for own, d in zip(derivatives, direction, strict=True))
     np.testing.assert_allclose(along, expected, rtol=1e-6, atol=1e-6 * max(1, abs(expected).max()))

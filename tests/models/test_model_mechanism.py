@@ -6,9 +6,8 @@ import pytest
 from commands import refusal
 
 import sim
-from experiments import excite, identify, stream
+from experiments import excite, identify
 from ident.recordings.recording import Recording
-from sim.models import mujoco_model
 from sim.models.model_mechanism import mechanism
 from sim.models.notes import ModelNote
 
@@ -28,18 +27,16 @@ def test_what_to_type_is_said(tmp_path, capsys):
     wrench = {"ground_force": np.tile(x, (3, 1)).T, "ground_torque": np.tile(x, (3, 1)).T}
     Recording(x, {"shoulder_position": np.sin(x), **wrench}).save(log)
     arguments = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]
-    for command in (identify, stream):
-        message = refusal(command.main, arguments, capsys)
-        assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
-        assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
-        for fix, what in {
-            ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
-            ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
-            ("--fix", "finger1", "0", "1"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [0.0, 1.0].",
-            ("--fix", "finger1", "1e300"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [1e+300].",
-            ("--fix", "finger1", "nan"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [nan].",
-        }.items():
-            assert what in refusal(command.main, [*arguments, *fix], capsys)
+    message = refusal(identify.main, arguments, capsys)
+    assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
+    assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
+    for fix, what in {
+        ("thumb",): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
+        ("finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
+        ("finger1", "0", "1"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [0.0, 1.0].",
+        ("finger1", "nan"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [nan].",
+    }.items():
+        assert what in refusal(identify.main, [*arguments, "--fix", *fix], capsys)
     message = refusal(excite.main, [str(model), "--base", "base", "--joints", "finger1", "finger2"], capsys)
     assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
 
@@ -53,14 +50,9 @@ UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
 """The first body and the second joint have no names, and their default names are taken by others."""
 
 
-@pytest.fixture
-def path(tmp_path):
-    out = tmp_path / "unnamed.xml"
-    out.write_text(UNNAMED, encoding="utf-8")
-    return out
-
-
-def test_joints_without_names_are_excited(path, tmp_path):
+def test_joints_without_names_are_excited(tmp_path):
+    path = tmp_path / "unnamed.xml"
+    path.write_text(UNNAMED, encoding="utf-8")
     arguments = [str(path), "--base", "body1_", "--seconds", "4", "--starts", "1", "--iterations", "2"]
     assert excite.main([*arguments, "--collisions", "ignore", "--formats", "png", "--out", str(tmp_path)]) == 0
     channels = Recording.load(next(tmp_path.rglob("trajectory.npz"))).measured
@@ -76,17 +68,12 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body n
 </worldbody></mujoco>"""
 
 
-@pytest.fixture
-def model_path(tmp_path):
-    model_path = tmp_path / "arm.xml"
-    model_path.write_text(ARM, encoding="utf-8")
-    return model_path
-
-
 @pytest.mark.parametrize("base", [None, "base", "plinth"])
 @pytest.mark.parametrize("fix", [None, {"lift": [0.4]}])
-def test_sites_stay_in_place_where_welds_are_merged(model_path, base, fix):
-    kept, merged = (mechanism(model_path, base, merge_welds=merge, fix=fix) for merge in (False, True))
+def test_sites_stay_in_place_where_welds_are_merged(base, fix):
+    kept, merged = (
+        mechanism(mujoco.MjSpec.from_string(ARM), base, merge_welds=merge, fix=fix) for merge in (False, True)
+    )
     assert len(merged.bodies) < len(kept.bodies) and kept.sites.keys() == merged.sites.keys()
     q = np.array([*([] if fix else [0.3]), 0.5, 0.5, 0.5, 0.5, 0.1])
     for name in kept.sites:
@@ -94,8 +81,8 @@ def test_sites_stay_in_place_where_welds_are_merged(model_path, base, fix):
         np.testing.assert_allclose(*places, atol=1e-12)
 
 
-def test_a_site_is_where_mujoco_has_it(model_path):
-    arm, model = mechanism(model_path, "base"), mujoco_model.compiled(model_path)
+def test_a_site_is_where_mujoco_has_it():
+    arm, model = mechanism(mujoco.MjSpec.from_string(ARM), "base"), mujoco.MjModel.from_xml_string(ARM)
     data = mujoco.MjData(model)
     data.qpos[:] = [0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
     mujoco.mj_kinematics(model, data)

@@ -25,20 +25,6 @@ MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
 fullinertia=".2 .3 .4 .01 0 0"/><joint name="w" axis="0 1 0"/></body></frame></body></body>
 <body name="other" pos="2 0 0"><inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .1"/><geom size=".2"/></body>
 </worldbody></mujoco>"""
-URDF = """<robot name="arm">{extension}<!-- kept -->
-<link name="root">{mesh}<inertial><mass value="3"/><origin xyz="0 0 .1" rpy="0 .2 0"/>
-<inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
-<link name="upper"><inertial><mass value="2"/><origin xyz="0 0 .1"/>
-<inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><geometry><box size="1 1 1"/></geometry></collision></link>
-<link name="tool">{mesh}<inertial><mass value="1"/><inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0" iyz="0"/>
-</inertial></link><link name="flange">{mesh}</link>
-<joint name="elbow" type="continuous"><parent link="root"/><child link="upper"/><axis xyz="0 1 0"/></joint>
-<joint name="f" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0 0 1" rpy="0.3 0 0"/></joint>
-<joint name="g" type="fixed"><parent link="tool"/><child link="flange"/></joint></robot>"""
-MESH = """<visual><geometry><mesh filename="package://gone/a.dae"/></geometry><material name="steel">
-<texture filename="package://gone/steel.png"/></material></visual>
-<collision><geometry><mesh filename="package://gone/a.stl"/></geometry></collision>"""
 OVERRIDES = ("", ' inertiafromgeom="true"', ' boundmass="1.7" boundinertia=".3"', ' balanceinertia="true"')
 
 
@@ -46,14 +32,6 @@ def written(tmp_path, text, name):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-@pytest.fixture
-def urdf(tmp_path):
-    return written(tmp_path, URDF.format(mesh=MESH, extension=""), "arm.urdf")
-
-
-NO_MESHES = pytest.mark.filterwarnings("ignore:.*not found, and left out:sim.models.notes.ModelNote")
 
 
 def compiled(path):
@@ -94,8 +72,8 @@ def test_an_updated_mjcf_reads_back_as_the_parameters_with_all_else_untouched(tm
         assert "<!-- kept -->" in out.read_text(encoding="utf-8")
 
 
-@NO_MESHES
-def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
+def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path):
+    nameless = written(tmp_path, "<robot name='x'><link/></robot>", "arm.urdf")
     path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
     phi = random_phi(np.random.default_rng(0), 3)
     bad = phi.copy()
@@ -109,7 +87,7 @@ def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
         lambda: updated_spec(mechanism(compiled(path), "base"), phi): "not a compiled one or none",
         lambda: updated_spec(replace(arm, source=None), phi): "not a compiled one or none",
         lambda: model_from_urdf(path): "a URDF file has a <robot>, this one a <mujoco>",
-        lambda: model_from_urdf(written(tmp_path, "<robot name='x'><link/></robot>", "arm.urdf")): "arm.urdf: ",
+        lambda: model_from_urdf(nameless): "arm.urdf: ",
     }.items():
         with pytest.raises(InputError, match=message):
             call()

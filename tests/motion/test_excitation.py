@@ -1,11 +1,20 @@
+"""Motions that excite, and a person's motions."""
+
+from functools import cache
+
 import numpy as np
 import pytest
+import random_models
 from scipy.optimize import minimize
 
-from ident.errors import InputError
-from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
+import ident
+import scenes
+import sim
+from sim.motion import person
+from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
 from sim.motion.excitation_design import FourierTrajectory
 from sim.motion.interior_point import minimum
+from sim.motion.person import ACTIVITIES, RAIL, Style
 
 TIME = np.arange(943) / 100
 
@@ -14,22 +23,6 @@ def test_motion_stays_within_a_ur5s_speed_and_the_scenes_limits():
     q, dq, _ = DOUBLE_PENDULUM.trajectory(TIME)
     np.testing.assert_allclose([q[:, 0].min(), q[:, 1].max()], [-1.89, 1.90], atol=0.01)
     assert 2.2 < abs(dq).max() < 2.3
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"offset": [0.0]}, r"shapes \(1,\), \(2, 2\)"),
-        ({"phase": [[0.0], [0.0]]}, r"and \(2, 1\)"),
-        ({"frequency": [[0.0, 1], [1, 1]]}, "positive frequencies"),
-        ({"noise": -1.0}, "zero or more, got -1.0"),
-        ({"noise": np.nan}, "zero or more"),
-    ],
-)
-def test_bad_excitations_are_refused(change, message):
-    good = {name: getattr(DOUBLE_PENDULUM, name) for name in ("offset", "amplitude", "frequency", "phase", "noise")}
-    with pytest.raises(ValueError, match=message):
-        Excitation(**(good | change))
 
 
 def test_velocities_and_accelerations_are_the_derivatives():
@@ -42,21 +35,6 @@ def test_velocities_and_accelerations_are_the_derivatives():
     wrong = np.abs(np.gradient(dq, h, axis=0) - ddq) > 1e-6
     assert wrong.mean() < 4 * 3 * 11 / len(time)
     np.testing.assert_array_equal(drawn.with_noise(3).trajectory(time, np.random.default_rng(1))[0], q)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (([[0, 1]], [[1]], [[0, 1, 2]]), r"got shapes \(1, 2\), \(1, 1\) and \(1, 3\)"),
-        (([[0, 1]], [[1, 1]], [[0, 1]]), "goals"),
-        (([[0, 1]], [[1, np.nan]], [[0, 1, 2]]), "finite numbers"),
-        (([[0, 1]], [[1.5, 1]], [[0, 1, 2]]), "to end before the next one"),
-        (([[0, 1]], [[0, 1]], [[0, 1, 2]]), "take some time"),
-    ],
-)
-def test_what_is_no_such_motion_is_refused(given, message):
-    with pytest.raises(InputError, match=message):
-        Trapezoids(*given)
 
 
 def random_trajectory(harmonics=5, joints=3, duration=7.3):
@@ -77,22 +55,6 @@ def test_derivatives_are_those_of_finite_differences():
     before, now, after = (trajectory.states(time + shift) for shift in (-h, 0, h))
     for k in (0, 1):
         np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"coefficients": [[1.0, 2, 3]]}, r"shapes \(1,\) and \(1, 3\)"),
-        ({"coefficients": [[], []]}, r"shapes \(1,\) and \(2, 0\)"),
-        ({"center": [0.0, 1]}, r"shapes \(2,\) and \(1, 2\)"),
-        ({"center": [np.nan]}, "finite numbers"),
-        ({"duration": 0.0}, "positive duration, got 0.0 s"),
-        ({"duration": np.inf}, "positive duration"),
-    ],
-)
-def test_bad_series_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        FourierTrajectory(**({"duration": 1.0, "center": [0.0], "coefficients": [[1.0, 2.0]]} | change))
 
 
 def convex(rng, n, w):
@@ -135,3 +97,45 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
     # The barrier's last weight bounds its cost, and this is its remainder.
     assert -1e-9 < function(x)[0] - theirs.fun < 0.004
     assert abs(limits @ x[:, :, None]).max() > 0.99
+
+
+PERSON = sim.mechanism(scenes.load("humanoid"), base="pelvis")
+NAMES = PERSON.tree.names
+SECONDS = np.arange(0, 4, 0.02)
+
+
+@cache
+def moved(activity, rail=True):
+    motion = person.motion(PERSON.tree, activity, SECONDS, Style(seed=1, rail=rail))
+    return motion, motion.base.T[:, None] @ PERSON.tree.poses(motion.q)
+
+
+@pytest.mark.parametrize("activity", ACTIVITIES)
+def test_a_foot_stays_and_the_hand_holds_the_rail(activity):
+    _, poses = moved(activity)
+    left, right = (poses[:, NAMES.index(f"{side}_foot")] for side in ("left", "right"))
+    still = [np.abs(np.diff(foot, axis=0)).max(axis=(1, 2)) < 1e-9 for foot in (left, right)]
+    assert (still[0] | still[1])[np.diff(np.floor(0.5 * SECONDS)) == 0].all()
+    assert np.mean(still[0]) > 0.4
+    palm = poses[:, NAMES.index("right_hand")] @ [0, 0, -0.06, 1]
+    np.testing.assert_allclose(palm[:, :3], np.broadcast_to(RAIL, (len(SECONDS), 3)), atol=1e-9)
+
+
+def needed(motion):
+    Y = ident.base_wrench_regressor(PERSON.tree, *motion.states, gravity=PERSON.gravity, base=motion.base)
+    return Y @ PERSON.known
+
+
+@pytest.mark.parametrize("activity", ACTIVITIES)
+@pytest.mark.parametrize("rail", [True, False])
+def test_inverse_dynamics_of_mujoco_agrees(activity, rail):
+    """Velocities and accelerations are differences of the same coordinates over another step."""
+    model, h = random_models.humanoid(), 1e-4
+    motion, _ = moved(activity, rail)
+    wrench = needed(motion)
+    for i in (3, 57, 131):
+        q = person.coordinates(PERSON.tree, activity, SECONDS[i] + h * np.arange(-1, 2), Style(seed=1, rail=rail))
+        forces = random_models.forces_between(model, *q, h)
+        force = motion.base.T[i, :3, :3] @ wrench[i, :3]
+        np.testing.assert_allclose(forces[:3], force, atol=0.01)
+        np.testing.assert_allclose(forces[3:6], wrench[i, 3:], atol=0.01)

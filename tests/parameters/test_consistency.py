@@ -73,9 +73,8 @@ def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(
 
     def square(L):
         L = P @ L.reshape(-1, 4, 4)
-        off = np.linalg.solve(
-            root, base.regroup(parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel()) - psi
-        )
+        phi = parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel()
+        off = np.linalg.solve(root, base.regroup(phi) - psi)
         slope = forms(regrouping(base).T @ np.linalg.solve(root.T, off))
         return off @ off, (4 * np.swapaxes(P, 1, 2) @ slope @ L).ravel()
 
@@ -212,10 +211,8 @@ def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases(noise=0.03):
 def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
     """A measuring tape, guessed to be a ball of thrice its moments; a width from its mass would keep the ball."""
     std = np.repeat([1.5e-4, 1e-5, 2e-5], [1, 3, 6])
-    tape, ball = (
-        parameters_from_com(0.136, np.array([0, 0, 0.027]), np.diag(x)) for x in ([3.5e-5, 5.7e-5, 3.1e-5], 3 * [9e-5])
-    )
-    z = []
+    z, com = [], np.array([0, 0, 0.027])
+    tape, ball = (parameters_from_com(0.136, com, np.diag(x)) for x in ([3.5e-5, 5.7e-5, 3.1e-5], 3 * [9e-5]))
     for seed in range(10):
         psi = tape + std * np.random.default_rng(seed).normal(size=10)
         full = consistent_parameters(psi, np.diag(std**2), EVERY, ball, width=GUESSED)

@@ -3,6 +3,7 @@
 import gzip
 import re
 
+import mujoco
 import numpy as np
 import pytest
 from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, text
@@ -138,29 +139,18 @@ MODEL = """<mujoco><worldbody><body><inertial pos=".1 0 0" mass="1" diaginertia=
 <joint name="ram" type="slide" axis="1 0 0"/></body></body></worldbody></mujoco>"""
 
 
-def from_zero(x, turn):
-    return x % turn
+def wrapped(x, turn=2 * np.pi, from_turns=0.0):
+    return (x - from_turns * turn) % turn + from_turns * turn
 
 
-def about_zero(x, turn):
-    return (x + turn / 2) % turn - turn / 2
+def read_arm(hip, entry, **more):
+    """The log of an arm with this entry for its first joint."""
+    columns = {"time": TIME, "a": hip, "b": 0.1 * WRAPPED, **more}
+    arm = sim.mechanism(mujoco.MjSpec.from_string(MODEL))
+    return ident.read_log(columns, arm, {"joints": {"hip": entry, "ram": {"position": "b"}}})
 
 
-@pytest.fixture
-def arm(tmp_path):
-    (tmp_path / "arm.xml").write_text(MODEL)
-    return sim.mechanism(tmp_path / "arm.xml")
-
-
-def log_of(tmp_path, hip, ram=0.1 * WRAPPED):
-    """A log of both joints with torques."""
-    columns = {"time": TIME, "a": hip, "b": ram, "hip_torque": WRAPPED, "ram_torque": WRAPPED}
-    path = tmp_path / "log.csv"
-    path.write_text(text(columns), encoding="utf-8")
-    return path
-
-
-@pytest.mark.parametrize("wrapped", [from_zero, about_zero])
+@pytest.mark.parametrize("from_turns", [0.0, -0.5])
 @pytest.mark.parametrize(
     ("factor", "turn", "entry"),
     [
@@ -172,11 +162,9 @@ def log_of(tmp_path, hip, ram=0.1 * WRAPPED):
     ],
     ids=["rad", "deg", "turned", "counts", "before a gear"],
 )
-def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, turn, entry):
-    x = wrapped(factor * WRAPPED, turn)
-    path = log_of(tmp_path, x)
-    mapping = {"joints": {"hip": {"position": {"column": "a"} | entry}, "ram": {"position": "b"}}}
-    log = ident.read_log(path, arm, mapping)
+def test_wrapped_angles_are_read_as_continuous(from_turns, factor, turn, entry):
+    x = wrapped(factor * WRAPPED, turn, from_turns)
+    log = read_arm(x, {"position": {"column": "a"} | entry})
     shift = log["hip_position"] - WRAPPED
     assert np.ptp(np.abs(np.diff(x))) > turn / 2 and np.abs(shift - shift[0]).max() < 1e-6
     (note,) = (note for note in log.notes if "whole turn" in note)
@@ -196,11 +184,7 @@ def test_what_is_no_wrapped_angle_is_unchanged(x):
     assert (number == 0 and out is x) or (spike and number == 2)
 
 
-def test_commands_are_in_the_turn_of_their_positions(tmp_path, arm):
-    columns = {"time": TIME, "a": from_zero(WRAPPED, 2 * np.pi), "b": 0.1 * WRAPPED, "hip_torque": WRAPPED}
-    columns["u"] = from_zero(WRAPPED - WRAPPED[0] - 0.01, 2 * np.pi)
-    path = tmp_path / "log.csv"
-    path.write_text(text({name: x for name, x in columns.items() if name != "hip_torque"}))
-    mapping = {"joints": {"hip": {"position": "a", "command": "u", "kp": 5}, "ram": {"position": "b"}}}
-    log = ident.read_log(path, arm, mapping)
+def test_commands_are_in_the_turn_of_their_positions():
+    command = wrapped(WRAPPED - WRAPPED[0] - 0.01)
+    log = read_arm(wrapped(WRAPPED), {"position": "a", "command": "u", "kp": 5}, u=command)
     assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi

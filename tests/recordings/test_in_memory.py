@@ -19,22 +19,11 @@ def columns():
 
 
 class Frame:
-    """As much of a data frame as is needed."""
+    """As much of a data frame as is needed; it is its own index."""
 
     def __init__(self, columns, index, name):
-        self._columns, self._index, self._name = columns, index, name
-
-    @property
-    def columns(self):
-        return list(self._columns)
-
-    @property
-    def index(self):
-        return self
-
-    @property
-    def name(self):
-        return self._name
+        self.columns, self.index, self.name = list(columns), self, name
+        self._columns, self._index = columns, index
 
     def __array__(self, dtype=None, copy=None):
         return np.asarray(self._index)
@@ -132,7 +121,5 @@ def test_what_is_no_recording_is_one_sentence(given, where):
         ident.identify(driven_arm.mechanism(), given)
     with pytest.raises(InputError, match=r"^A log needs the path of a file, or a mapping of arrays, .*; got 3\.$"):
         ident.read_log(3, driven_arm.mechanism())
-    with pytest.raises(
-        InputError, match=r"got \['a.csv', 'b.csv'\]. Read each by itself, or give `identify` the list\."
-    ):
+    with pytest.raises(InputError, match=r"got \['a.csv', 'b.csv'\]. Read each by itself, or give `identify` the"):
         ident.read_log(["a.csv", "b.csv"], driven_arm.mechanism())

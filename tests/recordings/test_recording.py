@@ -1,5 +1,11 @@
+"""Recordings in files, read whole and piece by piece."""
+
+import tracemalloc
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ident.errors import InputError, LogError
 from ident.geometry import se3
@@ -110,23 +116,6 @@ def test_missing_channels_are_named_with_those_there_are():
 
 
 @pytest.mark.parametrize(
-    ("time", "channels", "message"),
-    [
-        ([0.0, 1, 1], {}, "must increase; sample 2 does not"),
-        ([0.0, np.nan], {}, "'time' needs finite numbers; sample 1 is nan"),
-        ([[0.0, 1]], {}, "'time' needs N > 0 samples"),
-        ([0.0, 1], {"a": [1.0, 2, 3]}, r"'a' needs 2 samples along its first axis, got shape \(3,\)"),
-        ([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]}, "'a' needs finite numbers; sample 1 is inf"),
-        ([0.0, 1], {"a": [[1.0, np.nan], [3, 4]]}, "'a' needs finite numbers; sample 0 is nan"),
-        ([np.nan, np.nan], {}, "times need finite numbers"),
-    ],
-)
-def test_bad_channels_are_refused(time, channels, message):
-    with pytest.raises(LogError, match=message):
-        Recording(time, channels)
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("a,b\n1,2\n", "needs a column 'time'; the file has a, b"),
@@ -170,3 +159,84 @@ def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
     a = Recording.load(tmp_path / "r.csv")["a"]
     np.testing.assert_array_equal(a, [float(cell) for cell in [*CELLS[:7], odd]])
     assert np.signbit(a[1])
+
+
+METADATA = {"units": {"a": "rad"}, "noise": {"a": 0.1}, "provenance": {"seed": 3, "nested": [1, None]}}
+
+
+def recording(samples, with_truth=False, seed=0):
+    rng = np.random.default_rng(seed)
+    shapes = {"a": (samples,), "force": (samples, 3), "pose": (samples, 4), "imu": (samples, 6)}
+    scale = 10.0 ** rng.integers(-300, 300, samples)
+    measured = {name: (rng.normal(size=shape).T * scale).T for name, shape in shapes.items()}
+    true = {name: -x for name, x in measured.items()} if with_truth else {}
+    return Recording(np.cumsum(rng.uniform(0.1, 1, samples)), measured, true, **METADATA)
+
+
+def channels(pieces):
+    """All channels of the pieces, joined."""
+    kinds = [{"time": p.time, **p.measured, **{f"true:{k}": x for k, x in p.true.items()}} for p in pieces]
+    assert len({tuple(kind) for kind in kinds}) == 1
+    return {name: np.concatenate([kind[name] for kind in kinds]) for name in kinds[0]}
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(1, 30), st.integers(1, 40), st.sampled_from(["csv", "npz"]), st.booleans(), st.integers(0, 2**32 - 1)
+)
+def test_pieces_put_together_are_the_whole(tmp_path_factory, length, samples, suffix, with_truth, seed):
+    path = tmp_path_factory.getbasetemp() / f"whole.{suffix}"
+    original = recording(length, with_truth, seed)
+    original.save(path)
+    pieces, whole = list(Recording.chunks(path, samples)), Recording.load(path)
+    assert [len(p.time) for p in pieces] == [min(samples, length - k) for k in range(0, length, samples)]
+    expected = channels([original])
+    for read in (channels(pieces), channels([whole])):
+        assert list(read) == list(expected)
+        assert all(read[name].tobytes() == x.tobytes() for name, x in expected.items())
+    for piece in pieces:
+        assert {name: getattr(piece, name) for name in METADATA} == METADATA
+
+
+def test_an_archive_without_times_is_none_of_ours(tmp_path):
+    for more, message in (
+        ({}, r"a recording needs a column 'time'; the file has a\."),
+        ({"time": np.arange(4.0)}, "arrays need the same number of samples, 'time' has 4 and 'meas"),
+    ):
+        np.savez(tmp_path / "r.npz", metadata="{}", **{"measured/a": np.ones(5)}, **more)
+        with pytest.raises(ValueError, match=rf"r\.npz: {message}"):
+            Recording.load(tmp_path / "r.npz")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("9,oops", "row 11, column 'a' needs a number, got 'oops'"),
+        ("9,inf", "row 11, column 'a' needs a finite number, got inf"),
+        ("9", "row 11 has 1 cells where the header has 2"),
+        ("8,1", "row 11, column 'time' needs to increase"),
+        ("9,", "row 11, column 'a' is empty or NaN, as are 1 of"),
+    ],
+)
+@pytest.mark.parametrize("samples", [1, 3, 5, 100])
+def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, samples):
+    rows = [f"{k},{k}" for k in range(9)]
+    (tmp_path / "r.csv").write_text("\n".join(["time,a", *rows, row, "20,20"]))
+    pieces = Recording.chunks(tmp_path / "r.csv", samples)
+    for _ in range(9 // samples):
+        next(pieces)
+    with pytest.raises(LogError, match=rf"r\.csv: {message}"):
+        next(pieces)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_memory_does_not_grow_with_the_file(tmp_path, suffix):
+    peaks = []
+    for length in (500, 3_000, 12_000):
+        recording(length).save(tmp_path / f"r.{suffix}")
+        tracemalloc.start()
+        assert sum(len(piece.time) for piece in Recording.chunks(tmp_path / f"r.{suffix}", 500)) == length
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 1.1 * peaks[1]
+    assert peaks[2] < (tmp_path / f"r.{suffix}").stat().st_size / 4

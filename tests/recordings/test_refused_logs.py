@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, replaced, retimed, text
 
 from ident.errors import LogError
@@ -27,17 +28,11 @@ LOGS = [
     (text(PLAIN) + "0.4,1\n", "row 42 has 2 cells where the header has 3"),
     (text(PLAIN) + "0.4,1,2,3\n", "row 42 has 4 cells where the header has 3"),
     (text(PLAIN, ",", ","), "row 2 has 6 cells where the header has 3"),
-    (
-        text(PLAIN, ";", ",").replace("0,01;", "0.01;"),
-        "decimal commas (column 'q_ankle') and decimal points (column 'time') in one file are ambiguous",
-    ),
+    (text(PLAIN, ";", ",").replace("0,01;", "0.01;"), "decimal commas (column 'q_ankle') and decimal points"),
     (text(PLAIN).replace("q_ankle", "q_hip"), "names column 'q_hip' more than once"),
     (text(PLAIN | {"hip": T}), "columns q_hip and hip may both be the position of joint 'hip'; keep one"),
     (text(PLAIN).replace("time", "zeit"), "as in rate = 100; the file has zeit"),
-    (
-        text(PLAIN).replace("q_hip", "q_knee"),
-        "joint 'hip' needs a column of its positions, named hip_position, q_hip, hip or mapped; the file has time, q_a",
-    ),
+    (text(PLAIN).replace("q_hip", "q_knee"), "joint 'hip' needs a column of its positions, named hip_position, q_hip"),
     (replaced(9, "q_hip", "nan"), "row 9, column 'q_hip' is empty or NaN, as are 1 of 40 samples"),
     (text(PLAIN | {"ground_fz": np.where(T > 0.2, np.nan, 1)}), "row 23, column 'ground_fz' is empty"),
     (replaced(9, "q_hip", "-inf"), "row 9, column 'q_hip' needs a finite number"),
@@ -50,19 +45,12 @@ LOGS = [
     (retimed(np.where(COUNT == 20, T[19], T)), "row 22, column 'time' repeats the time"),
     (text({name: 0 * x for name, x in PLAIN.items()}), "10 samples at different times, it has 1"),
     (retimed(T + (T > 0.2) * 0.03), "row 23, column 'time' has a gap of 0.04 s, from 0.2 s to 0.24 s, where"),
-    (
-        retimed(T + (T > 0.1) * 0.02 + (T > 0.2) * 0.03),
-        "row 23, column 'time' has a gap of 0.04 s, from 0.22 s to 0.26 s, where steps are 0.01 s; it is the longest "
-        "of 2 gaps. A filter would invent what is missing",
-    ),
+    (retimed(T + (T > 0.1) * 0.02 + (T > 0.2) * 0.03), "steps are 0.01 s; it is the longest of 2 gaps. A filter would"),
     (retimed(1000 * T), "steps of 10 s, which suggests that its unit is not the second"),
     (retimed(1e-9 * T), "steps of 1e-11 s"),
     (text(SWEEPS), "column 'q_hip', the position of joint 'hip', ranges over"),
     (text(RATES | {"dq_ankle": 57.3 * DQ[:, 0]}), "velocity of joint 'ankle' is 57.3 times the derivative of its pos"),
-    (
-        text(RATES | {"ddq_ankle": -430 * np.sin(5 * T), "ddq_hip": T}),
-        "the acceleration of joint 'ankle' is 57.3 times the derivative of its velocity",
-    ),
+    (text(RATES | {"ddq_ankle": -430 * np.sin(5 * T), "ddq_hip": T}), "the acceleration of joint 'ankle' is 57.3"),
 ]
 
 GROUND = '[wrenches.ground]\nforce = ["a", "b", "c"]\n'
@@ -109,10 +97,7 @@ MAPPINGS = [
     (GROUND + 'applied_to_link = "yes"', "wrenches.ground.applied_to_link needs true or false, got yes"),
     ('[base]\nposition = ["a", "b", "c"]', "base.quaternion needs a list of 4 columns"),
     ('[base]\nposition = ["a", "", "c"]', "base.position needs 3 columns, none of them may be"),
-    (
-        '[base]\nposition = ["x", "y", "z"]\nquaternion = ["x", "y", "z", "w"]',
-        "column 'x' is mapped to base.position and to base.quaternion",
-    ),
+    ('[base]\nposition = ["x", "y", "z"]\nquaternion = ["x", "y", "z", "w"]', "column 'x' is mapped to base.position"),
     ('[motors.a]\njoints = ["knee"]\nmatrix = [[1]]', "motors.a.joints needs a list of joints, of"),
     (MOTOR + "[[1, 2]]", "motors.a.matrix needs a list of 1 numbers"),
     (MOTOR + "3", "motors.a.matrix needs a row for each of 1 motors, got 3"),
@@ -120,10 +105,7 @@ MAPPINGS = [
         '[motors.a]\njoints = ["hip", "ankle"]\nmatrix = [[1, 2], [2, 4]]\nposition = ["q_hip", "q_ankle"]',
         "[motors.a] needs a matrix that can be inverted",
     ),
-    (
-        HIP + '"q_hip"\n' + MOTOR + '[[1]]\nposition = ["q_hip"]',
-        "joints.hip.position is mapped twice, under [joints] and by motors",
-    ),
+    (HIP + '"q_hip"\n' + MOTOR + '[[1]]\nposition = ["q_hip"]', "joints.hip.position is mapped twice, under [joints]"),
     (MOTOR + '[[1]]\nfriction = "none"', "motors.a.friction needs one of motors, joints; got none"),
     (MOTOR + '[[1]]\nposition = [""]', "motors.a.position needs 1 columns, none of them may be missing"),
     ('[file]\nheader = "no"', "file.header needs true or false, got no"),
@@ -147,10 +129,8 @@ REFUSED += [(text(PLAIN), mapping, message) for mapping, message in MAPPINGS]
 
 @pytest.mark.parametrize(("content", "mapping", "message"), REFUSED, ids=[row[2] for row in REFUSED])
 def test_what_cannot_be_read_is_one_sentence(tmp_path, content, mapping, message):
-    with pytest.raises(LogError) as error:
-        read(tmp_path, content, mapping)
-    assert str(error.value).startswith(str(tmp_path)) and "\n" not in str(error.value)
-    assert message in str(error.value)
+    sentence = sentence_of(read, tmp_path, content, mapping)
+    assert sentence.startswith(str(tmp_path)) and message in sentence
 
 
 @pytest.mark.parametrize(
@@ -159,10 +139,7 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path, content, mapping, message
         ({"time": T + (T >= 0.2) * 0.02}, "row 22, column 'time' has a gap of 0.03 s, from 0.19 s to 0.22 s"),
         ({"time": T - (T >= 0.2) * 0.02}, "row 22, column 'time' goes back in time by 0.01 s"),
         ({"time": T - (T >= 0.2) * 0.01}, "row 22, column 'time' repeats the time of the sample before, but not its"),
-        (
-            {"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)},
-            "row 22, column 'q_hip' is empty or NaN, as are 10 .*, 10 in a row from row 22 to row 31;",
-        ),
+        ({"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)}, "row 22, column 'q_hip' is empty or NaN, as are 10 .*, 10 in"),
         ({"ground_fz": np.where(T < 0.2, np.nan, 1)}, "row 22, column 'ground_fz' has the first number after empty"),
     ],
 )

@@ -85,12 +85,6 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
         assert (abs(bias) < 4.5 * spread / np.sqrt(100)).all()
 
 
-@pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.triu(np.ones((6, 6))), np.eye(5)])
-def test_a_covariance_must_be_one(covariance):
-    with pytest.raises(ValueError, match=r"covariance.* (positive definite|symmetric|shape)"):
-        identified(Y @ PHI, covariance=covariance)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_any_split_gives_the_same_answer(seed):
     rng = np.random.default_rng(seed)
@@ -242,8 +236,6 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
 
 def test_a_message_on_many_parameters_is_no_page_long():
     names = [f"m{k}" for k in range(130)]
-    with pytest.raises(
-        ExcitationError, match=r"does not separate the base parameters m0, .*, m39, \.\.\.: 0 of 130"
-    ) as error:
+    with pytest.raises(ExcitationError, match=r"does not separate the base parameters m0, .*, m39, \.\.\.: 0") as error:
         check_excitation(np.zeros((130, 130)), names, 20)
     assert error.value.parameters == tuple(names)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import wrist
 from fits import sampled
+from mechanisms import by_joint
 from scipy import linalg
 from scipy.signal import butter, lfilter, sosfilt
 
@@ -153,10 +154,8 @@ def rubbing(seconds=10.0, seed=0):
     torque = ident.joint_torque_regressor(mechanism.tree, q, dq, ddq, gravity=mechanism.gravity) @ mechanism.known
     torque += 2 * np.where(np.abs(dq) < 0.05, rng.uniform(-1, 1, dq.shape), np.sign(dq))
     torque += 0.02 * rng.normal(size=q.shape)
-    channels = {
-        f"{joint}_position": x for joint, x in zip(wrist.JOINTS, q.T + 1e-4 * rng.normal(size=q.T.shape), strict=True)
-    }
-    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(wrist.JOINTS, torque.T, strict=True)})
+    q = q + 1e-4 * rng.normal(size=q.T.shape).T
+    return ident.Recording(t, by_joint(wrist.JOINTS, position=q, torque=torque))
 
 
 def test_samples_near_reversals_are_left_alone(monkeypatch):

@@ -21,9 +21,5 @@ def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def never_ends(_):
-    threading.Event().wait()
-
-
 def blocked_signals():
     return signal.pthread_sigmask(signal.SIG_BLOCK, [])

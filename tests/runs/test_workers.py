@@ -15,8 +15,7 @@ from experiments.runs.environment import THREADS, environment, one_thread_each
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
 from ident.estimation.sources import in_order
 
-LARGE = bytes(2_000_000)
-"""More bytes than a pipe holds."""
+LARGE = bytes(2_000_000)  # More bytes than a pipe holds.
 
 
 def test_local_workers_are_other_processes_with_one_thread_which_ignore_requests_to_end(monkeypatch):
@@ -76,11 +75,6 @@ def failing(outcomes, error):
 @pytest.fixture
 def run(tmp_path):
     return Checkpoint("runs", tmp_path / "runs.npz", {"seed": 1, "scale": (0.5, 1)})
-
-
-def test_outcomes_are_kept_as_they_came(run):
-    assert run.collect(batches(OUTCOMES), 6) == OUTCOMES
-    assert run.done() == OUTCOMES
 
 
 @pytest.mark.parametrize("error", [ValueError("refused"), KeyboardInterrupt(), MemoryError()])

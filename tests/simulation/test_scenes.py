@@ -1,18 +1,27 @@
-"""The scenes: their bodies, tilts, friction and noise; a humanoid that falls."""
+"""The scenes: bodies, tilts, friction, noise, a humanoid that falls, and contacts against MuJoCo's own forces."""
 
+from functools import cache
+
+import mujoco
 import numpy as np
 import pytest
 from mechanisms import LENGTH_1, random_states, tilted_axis
+from random_models import inverse_dynamics
 
 import scenes
+from experiments.data.simulated_study import StudyProblem
+from experiments.studies.study_entries import packaged
+from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.wrench import Wrench, total_wrench
+from ident.recordings.wrench import Wrench, total_wrench, transform_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.contacts import fall
+from sim.simulation.simulate import simulate
 
 MODEL = scenes.load("double_pendulum").compile()
 
@@ -37,12 +46,6 @@ def test_tilt_turns_both_axes(tilt, azimuth):
         np.testing.assert_array_equal(getattr(tilted, name), getattr(MODEL, name))
 
 
-@pytest.mark.parametrize(("tilt", "azimuth"), [(-1, 0), (90, 0), (np.nan, 0), (5, np.inf)])
-def test_senseless_tilts_are_refused(tilt, azimuth):
-    with pytest.raises(ValueError, match="from 0° to below 90°"):
-        scenes.load("double_pendulum", tilt_deg=tilt, azimuth_deg=azimuth)
-
-
 ARM = scenes.load("arm").compile()
 
 
@@ -56,34 +59,7 @@ def test_torques_are_measured_to_a_hundredth_of_the_friction():
 HUMANOID = scenes.load("humanoid").compile()
 TREE, PHI = tree_from_model(HUMANOID, "pelvis"), parameters_from_model(HUMANOID, "pelvis")
 GRAVITY = gravity_in_base(HUMANOID, "pelvis")
-SENSORS = Sensors(moving_base=True)
-FREE = 7, 6, 6
-"""Entries of the free joint in qpos, qvel and qacc."""
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return fall(HUMANOID, "pelvis", seconds=2.5)
-
-
-@pytest.fixture(scope="module")
-def contacts(motion):
-    return [Wrench(wrench, body) for body, wrench in motion.contacts.items()]
-
-
-def joint_states(motion):
-    coordinates, dofs = state_columns(HUMANOID, "pelvis")
-    return motion.qpos[:, coordinates], motion.qvel[:, dofs], motion.qacc[:, dofs]
-
-
-def pelvis(motion):
-    free = (x[:, :size] for x, size in zip((motion.qpos, motion.qvel, motion.qacc), FREE, strict=True))
-    return BaseMotion.from_free_joint(*free)
-
-
-@pytest.fixture(scope="module")
-def Y(motion):
-    return base_wrench_regressor(TREE, *joint_states(motion), gravity=GRAVITY, base=pelvis(motion))
+FREE = 7, 6, 6  # Entries of the free joint in qpos, qvel and qacc.
 
 
 def test_left_and_right_are_mirror_images():
@@ -97,8 +73,14 @@ def test_left_and_right_are_mirror_images():
             np.testing.assert_allclose(right.ipos, mirror * left.ipos, atol=1e-12)
 
 
-def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
-    total = total_wrench(TREE, joint_states(motion)[0], None, contacts).values
+def test_contact_wrenches_sum_up_to_the_base_wrench():
+    motion, columns = fall(HUMANOID, "pelvis", seconds=2.5), state_columns(HUMANOID, "pelvis")
+    every = motion.qpos, motion.qvel, motion.qacc
+    states = [x[:, own] for x, own in zip(every, (columns[0], columns[1], columns[1]), strict=True)]
+    base = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(every, FREE, strict=True)))
+    Y = base_wrench_regressor(TREE, *states, gravity=GRAVITY, base=base)
+    contacts = [Wrench(wrench, body) for body, wrench in motion.contacts.items()]
+    total = total_wrench(TREE, states[0], None, contacts).values
     np.testing.assert_allclose(total, Y @ PHI, rtol=0, atol=1e-8)
     assert abs(total[:, :3]).max() > 1000 and abs(total[:, 3:]).max() > 100
 
@@ -107,18 +89,83 @@ def test_structural_rank_is_the_numeric_rank():
     rng = np.random.default_rng(0)
     base = BaseMotion.from_free_joint(*(rng.uniform(-2, 2, size=(100, size)) for size in FREE))
     Y = base_wrench_regressor(TREE, *random_states(rng, TREE, 100), gravity=GRAVITY, base=base)
-    assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=SENSORS).rank == 159
+    assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=Sensors(moving_base=True)).rank == 159
 
 
-@pytest.mark.parametrize(
-    ("seconds", "rate", "message"),
-    [
-        (0, 100, "at least one sample, got 0 s at 100 Hz"),
-        (np.inf, 100, "at least one sample, got inf s at 100 Hz"),
-        (1, 300, r"timestep of 0.001 s must divide 0.0033\d* s"),
-        (1, 2000, r"timestep of 0.001 s must divide 0.0005 s"),
-    ],
-)
-def test_falls_that_cannot_be_sampled_are_refused(seconds, rate, message):
-    with pytest.raises(ValueError, match=message):
-        fall(HUMANOID, "pelvis", seconds=seconds, rate=rate)
+CONTACTS = (*scenes.CONTACTS, "pad handle")
+
+
+@cache
+def recorded(contact):
+    return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact):
+    problem, recording = StudyProblem.of(packaged("multicontact", contact=contact)), recorded(contact)
+    states = recording.joint_states(problem.known.tree.joints)
+    expected = inverse_dynamics(MODEL, *states)[1][:, :6]
+    total = problem.total(recording).values
+    np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    assert abs(recording.wrench("ground").values - expected).max() > 30
+
+
+@pytest.mark.parametrize("contact", ["pad", "pad handle"])
+def test_the_pad_is_touched_several_times(contact):
+    recording = recorded(contact)
+    touching = recording["pad_normal_force"] > 0
+    assert 0.25 < touching.mean() < 0.8
+    assert np.sum(~touching[:-1] & touching[1:]) >= 4
+    site = scenes.load_cells(contact)["pad"]
+    assert 40 < np.linalg.norm(recording[f"{site}_force"], axis=1).max() < 400
+
+
+@pytest.mark.parametrize("contact", ["handle", "pad handle"])
+def test_the_handle_keeps_all_six_components_alive(contact):
+    site = scenes.load_cells(contact)["handle"]
+    force, torque = (recorded(contact)[f"{site}_{kind}"] for kind in ("force", "torque"))
+    assert (force.std(axis=0) > 10).all() and (torque.std(axis=0) > 1).all()
+    # A free moment: no single force gives this wrench, because the moment is not normal to the force.
+    pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
+    assert np.median(pitch) > 0.5
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_load_cells_agree_with_mujocos_constraint_forces(contact):
+    """A cell reads the link's wrench on it: its motion and weight less the wrench of a contact or a weld on it."""
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    tree = tree_from_model(model, "base", beyond=(), ignore=["grip"] * model.nmocap)
+    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
+    mujoco.mj_kinematics(model, data)
+    for velocity in [(0.3, -0.2), (-0.5, 0.4), (0.0, 1.0)]:
+        data.qvel[:2] = velocity
+        if model.nmocap:
+            held = data.body(model.eq_obj1id[0])
+            data.mocap_pos[0], data.mocap_quat[0] = held.xpos + rng.normal(scale=0.01, size=3), held.xquat
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        q, dq, ddq = (x[None, :2] for x in (data.qpos, data.qvel, data.qacc))
+        Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity_in_base(model, "base"))[0]
+        for site in scenes.load_cells(contact).values():
+            cell = tree.names.index(site.replace("contact", "load_cell"))
+            own = slice(10 * cell, 10 * cell + 10)
+            inertial = Y[:, own] @ parameters_from_model(model, "base", beyond=())[own]
+            # MuJoCo writes torque first, about the centre of mass of the whole tree, in the world's axes.
+            external = data.cfrc_ext[model.body(tree.names[cell]).id]
+            centre = se3.pose(np.eye(3), data.subtree_com[model.body("base").id] - model.body("base").pos)
+            on_cell = transform_wrench(centre, np.roll(external, 3))
+            measured = np.concatenate([data.sensor(f"{site}_{kind}").data for kind in ("force", "torque")])
+            computed = transform_wrench(tree.poses(q)[0, cell], measured)
+            np.testing.assert_allclose(computed, inertial - on_cell, rtol=0, atol=1e-10 * abs(computed).max())
+            assert abs(on_cell[:3]).max() > 5
+
+
+def test_several_contacts_are_different_ones_in_any_order():
+    first, second = (scenes.load("double_pendulum", contact=contact) for contact in ("pad handle", "handle pad"))
+    first.compile(), second.compile()
+    assert first.to_xml() == second.to_xml()
+    with pytest.raises(ValueError, match="different ones, got 'pad handle pad'"):
+        scenes.load("double_pendulum", contact="pad handle pad")
+    with pytest.raises(ValueError, match="No contact is named ''"):
+        scenes.load("double_pendulum", contact="")

@@ -24,6 +24,7 @@ from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
+FIRST, BOTH = (["arm.xml", *logs, "--out", "out", *OPTIONS] for logs in (["run0.csv"], ["run0.csv", "run1.csv"]))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,6 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys, here):
 
 
 def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
-    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     done, one = [], batch.outcome_of
 
     def interrupted(task):
@@ -98,16 +98,16 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
         return one(task)
 
     monkeypatch.setattr(batch, "outcome_of", interrupted)
-    assert batch.main(command) == 130
+    assert batch.main(BOTH) == 130
     assert "run again with --resume" in capsys.readouterr().err
     again = []
     monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
-    assert batch.main([*command, "--resume"]) == 0
+    assert batch.main([*BOTH, "--resume"]) == 0
     assert done == ["run0"] and again == ["run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
-    assert batch.main([*command, "--resume", "--holdout", "0.3"]) == 2
+    assert batch.main([*BOTH, "--resume", "--holdout", "0.3"]) == 2
     assert "are of another run: options differ; leave out --resume" in capsys.readouterr().err
     driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
-    assert batch.main([*command, "--resume"]) == 2
+    assert batch.main([*BOTH, "--resume"]) == 2
     assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
 
 
@@ -129,16 +129,12 @@ DONE = LogOutcome(
     ],
 )
 def test_damaged_outcomes_are_not_resumed(folder, capsys, here, texts, reason):
-    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
-    args = batch.parser().parse_args(command)
+    args = batch.parser().parse_args(BOTH)
     identity = batch._identity(args, batch.check_shared(args))
     (folder / "out").mkdir()
-    np.savez(
-        folder / "out" / batch.PROGRESS,
-        identity=json.dumps(identity),
-        outcomes=np.frombuffer("\n".join(texts).encode(), np.uint8),
-    )
-    assert batch.main([*command, "--resume"]) == 2
+    outcomes = np.frombuffer("\n".join(texts).encode(), np.uint8)
+    np.savez(folder / "out" / batch.PROGRESS, identity=json.dumps(identity), outcomes=outcomes)
+    assert batch.main([*BOTH, "--resume"]) == 2
     shown = capsys.readouterr().err
     assert "--resume needs the logs of an earlier run in " in shown and reason in shown
 
@@ -171,22 +167,20 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
         return plain(task, out)
 
     monkeypatch.setattr(identify, "identified_from", full)
-    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     (folder / "out").mkdir()
     (folder / "out" / "report.html").write_text("earlier", encoding="utf-8")
-    assert batch.main(command) == 2
+    assert batch.main(BOTH) == 2
     shown = capsys.readouterr().err
     assert "error: run1.csv: " in shown and "run1' could not be written (No space left on device)" in shown
     assert "run again with --resume" in shown and {errno.EDQUOT, errno.EFBIG, errno.EROFS} <= batch.FULL
     assert "logs failed" not in shown
     assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
-    assert batch.main([*command, "--resume"]) == 0
+    assert batch.main([*BOTH, "--resume"]) == 0
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
 
 
 def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
-    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
-    assert batch.main(command) == 0
+    assert batch.main(FIRST) == 0
     before = (folder / "out" / batch.PROGRESS).read_bytes()
 
     def full(*_):
@@ -198,9 +192,9 @@ def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsy
     with monkeypatch.context() as patched:
         patched.setattr(batch, "outcome_of", full)
         patched.setattr(workers, "save_arrays", unsaved)
-        assert batch.main(command) == 2
+        assert batch.main(FIRST) == 2
     assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
-    assert batch.main([*command, "--resume"]) == 0
+    assert batch.main([*FIRST, "--resume"]) == 0
 
 
 def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):
@@ -212,14 +206,13 @@ def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, he
         return one(task)
 
     monkeypatch.setattr(batch, "outcome_of", deadly)
-    assert batch.main(["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    assert batch.main(BOTH) == 2
     assert "error: run1.csv: A worker process died." in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here):
-    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
-    assert batch.main(command) == 0
+    assert batch.main(BOTH) == 0
     file, other = (folder / "out" / "run1" / name for name in ("estimate.json", "table_base_parameters.csv"))
     before = file.read_bytes()
     file.unlink()
@@ -229,33 +222,28 @@ def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkey
     again, one = [], batch.outcome_of
     monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
     for _ in range(2):
-        assert batch.main([*command, "--resume"]) == 0
+        assert batch.main([*BOTH, "--resume"]) == 0
         assert again == ["run1"] and len(file.read_bytes()) == pytest.approx(len(before), rel=0.01)
         assert other.read_bytes()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs locks of files")
 def test_one_batch_at_a_time_writes_into_a_folder(folder, capsys, here):
-    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
-    hold = (
-        "import sys, pathlib, ident.files.atomic as a\nwith a.alone(pathlib.Path('out')): print(1, flush=True); input()"
-    )
+    hold = "import pathlib, ident.files.atomic as a\nwith a.alone(pathlib.Path('out')): print(1, flush=True); input()"
     (folder / "out").mkdir()
     with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         other.stdout.readline()
-        assert batch.main(command) == 2
+        assert batch.main(FIRST) == 2
         assert "Another run is writing into 'out'; wait until it has ended" in capsys.readouterr().err
         assert [path.name for path in (folder / "out").iterdir()] == [f"{PARTIAL}running"]
         other.kill()
-    assert batch.main(command) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
+    assert batch.main(FIRST) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
     rng = np.random.default_rng(0)
-    outcomes = [
-        LogOutcome(f"{k}", "x", values={"m1": 2 + 0.1 * rng.normal()}, std={"m1": 0.1}, units={"m1": "kg"})
-        for k in range(400)
-    ]
+    given = {"std": {"m1": 0.1}, "units": {"m1": "kg"}}
+    outcomes = [LogOutcome(f"{k}", "x", values={"m1": 2 + 0.1 * rng.normal()}, **given) for k in range(400)]
     (spread,) = spreads([*outcomes, LogOutcome("bad", error="No.")])
     assert spread.logs == 400 and spread.unit == "kg" and abs(spread.mean - 2) < 3 * spread.std
     assert spread.std == pytest.approx(0.1 / 20) and spread.between == pytest.approx(0.1, rel=0.1)
@@ -270,9 +258,8 @@ MIXED = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 1e-12]]) * 1e-2
 
 def drawn(rng, count, moved=(), by=(0.0, 1.0, 0.0), std=1.0):
     """Logs around one truth, some of them moved, and the covariances that they state."""
-    x = rng.multivariate_normal([20.0, 3.0, 1e-5], MIXED, count) * [std, std, std] + np.outer(
-        np.isin(np.arange(count), moved), by
-    )
+    x = std * rng.multivariate_normal([20.0, 3.0, 1e-5], MIXED, count)
+    x += np.outer(np.isin(np.arange(count), moved), by)
     return [dict(zip(NAMES, each, strict=True)) for each in x.tolist()], [MIXED] * count
 
 
@@ -281,29 +268,17 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     values, covariances = drawn(np.random.default_rng(1), 20, moved)
     agreed = agreement(values, covariances)
     assert np.flatnonzero(agreed.differ).tolist() == list(moved) and agreed.spread < 1.5
-    outcomes = [
-        LogOutcome(
-            f"run{k}.csv",
-            f"run{k}",
-            "usable",
-            values=each,
-            std=dict.fromkeys(NAMES, 1.0),
-            units=dict.fromkeys(NAMES, "u"),
-            doubts=["weight_differs", "setup_axis"],
-        )
-        for k, each in enumerate(values)
-    ]
+    given = {"std": dict.fromkeys(NAMES, 1.0), "units": dict.fromkeys(NAMES, "u")}
+    given |= {"doubts": ["weight_differs", "setup_axis"]}
+    outcomes = [LogOutcome(f"run{k}.csv", f"run{k}", "usable", values=x, **given) for k, x in enumerate(values)]
     failed = LogOutcome("bad.csv", error="bad.csv: no.")
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
     (_, sentence, doubt), (_, failure, _) = document.findings
     assert "Weight differs; Set-up axis" in " ".join(document.tables["table_logs"].markdown().split())
     assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
     names = ", ".join(f"run{k}.csv" for k in moved)
-    assert (
-        doubt
-        and f"{len(moved)} of 20 logs differ" in sentence.replace("differs", "differ")
-        and f" from the others: {names}. χ² is " in sentence
-    )
+    assert doubt and f"{len(moved)} of 20 logs differ" in sentence.replace("differs", "differ")
+    assert f" from the others: {names}. χ² is " in sentence
     assert "most in m2rz2 of shank by +" in sentence and "identify these logs apart" in sentence
     assert all(f"{k + 2}: run{k}.csv" in document.pictures[0] for k in moved)
     table = document.tables["table_logs"].csv().splitlines()

@@ -77,25 +77,10 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
 
 
 SENSING = """
-<mujoco>
-  <worldbody>
-    <body name="base">
-      <site name="plate" pos="0.1 0 -0.2" euler="0 30 0"/>
-      <geom size="0.1"/>
-      <body name="arm">
-        <joint name="hinge" range="-1 1"/>
-        <geom size="0.1" pos="0 0 1"/>
-        <site name="elsewhere"/>
-      </body>
-    </body>
-  </worldbody>
-  <sensor>
-    <force site="plate" noise="2"/>
-    <torque site="plate" noise="0.3"/>
-    <force site="elsewhere" noise="7"/>
-    <jointactuatorfrc joint="hinge" noise="0.4"/>
-  </sensor>
-</mujoco>
+<mujoco><worldbody><body name="base"><site name="plate" pos="0.1 0 -0.2" euler="0 30 0"/><geom size="0.1"/>
+<body name="arm"><joint name="hinge" range="-1 1"/><geom size="0.1" pos="0 0 1"/><site name="elsewhere"/></body></body>
+</worldbody><sensor><force site="plate" noise="2"/><torque site="plate" noise="0.3"/>
+  <force site="elsewhere" noise="7"/><jointactuatorfrc joint="hinge" noise="0.4"/></sensor></mujoco>
 """
 
 

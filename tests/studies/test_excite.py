@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refusal
+from mechanisms import by_joint, sines
 
 from experiments import excite
 from experiments.data import paper
@@ -24,23 +25,14 @@ JOINTS = ("lift", "fold")
 QUICK = ["--starts", "1", "--iterations", "5", "--formats", "png"]
 
 FOLDING = """
-<mujoco>
-  <worldbody>
-    <geom name="floor" type="plane" size="2 2 0.1"/>
-    <body name="column" pos="0 0 0.7">
-      <geom type="sphere" size="0.1" mass="2"/>
-      <body name="upper">
-        <joint name="lift" axis="0 1 0" range="-170 170"/>
-        <geom type="capsule" size="0.05" fromto="0 0 0 0 0 0.4" mass="2"/>
-        <body name="fore" pos="0 0 0.4">
-          <joint name="fold" axis="0 1 0" range="-175 175"/>
-          <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.3" mass="1"/>
-          <body name="hand" pos="0 0 0.3"><geom type="sphere" size="0.06" mass="1"/></body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
+<mujoco><worldbody><geom name="floor" type="plane" size="2 2 0.1"/>
+  <body name="column" pos="0 0 0.7"><geom type="sphere" size="0.1" mass="2"/>
+  <body name="upper"><joint name="lift" axis="0 1 0" range="-170 170"/>
+    <geom type="capsule" size="0.05" fromto="0 0 0 0 0 0.4" mass="2"/>
+  <body name="fore" pos="0 0 0.4"><joint name="fold" axis="0 1 0" range="-175 175"/>
+    <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.3" mass="1"/>
+  <body name="hand" pos="0 0 0.3"><geom type="sphere" size="0.06" mass="1"/></body></body></body></body>
+</worldbody></mujoco>
 """
 """An arm whose forearm and hand can hit its column and the floor."""
 
@@ -188,27 +180,17 @@ def test_the_design_stays_off_stops_and_floor_and_holds_fixed_joints(arm, tmp_pa
 @pytest.mark.usefixtures("undrawn")
 def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys, rate=50):
     """Of angles alone, at another rate, and twice as long."""
-    time = np.arange(0, 20, 1 / rate)
-    q = np.stack([0.3 * np.sin(time), 0.2 * np.cos(1.7 * time)], axis=1)
-    log = Recording(time, {"lift_position": q[:, 0], "fold_position": q[:, 1]})
-    log.save(tmp_path / "mine.csv")
+    time, waves = np.arange(0, 20, 1 / rate), (np.array([[0.3], [0.2]]), np.array([[1], [1.7]]), [[0], [np.pi / 2]])
+    q, *_ = sines(time, *waves)
+    Recording(time, by_joint(JOINTS, position=q)).save(tmp_path / "mine.csv")
     given = ["--log", str(tmp_path / "mine.csv"), "--out", str(tmp_path / "out")]
     assert excite.main([str(arm), *QUICK, *given]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert (
-        "mine.csv: " in shown and "random" not in shown and re.search(r"Before lasts 1[89]\.?\d* s, after 10 s", shown)
-    )
+    assert "mine.csv: " in shown and "random" not in shown
+    assert re.search(r"Before lasts 1[89]\.?\d* s, after 10 s", shown)
     *rows, _ = csv.DictReader((tmp_path / "out" / "table_deviations.csv").read_text().splitlines())
-    states = [
-        np.stack(x, axis=1)
-        for x in (
-            (0.3 * np.sin(TIMES), 0.2 * np.cos(1.7 * TIMES)),
-            (0.3 * np.cos(TIMES), -0.34 * np.sin(1.7 * TIMES)),
-            (-0.3 * np.sin(TIMES), -0.578 * np.cos(1.7 * TIMES)),
-        )
-    ]
     problem = excitation_problem.problem(mechanism(arm), None, sensors="wrench")
-    expected = criteria.predicted_deviations(problem, Motion(*states))
+    expected = criteria.predicted_deviations(problem, Motion(*sines(TIMES, *waves)))
     np.testing.assert_allclose([float(row["std_before"]) for row in rows], expected, rtol=0.1)
 
 
@@ -247,9 +229,7 @@ def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, ca
 
 
 def test_bad_limits_are_refused():
-    with pytest.raises(
-        ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and \[0.0\]"
-    ):
+    with pytest.raises(ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and"):
         Limits([1.0], [0.0], [1.0], [1.0])
     with pytest.raises(ValueError, match=r"velocity need to be positive and below 1e\+08, got \[0.0\]"):
         Limits([0.0], [1.0], [0.0], [1.0])

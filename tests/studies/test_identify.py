@@ -57,11 +57,8 @@ WEIGHTED = {"estimator": "weighted"}
 
 @cache
 def recording(tilt_deg=0.0, contact=None):
-    return simulate(
-        scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact),
-        DOUBLE_PENDULUM,
-        samples=600,
-    )
+    spec = scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact)
+    return simulate(spec, DOUBLE_PENDULUM, samples=600)
 
 
 def with_channels(original, **channels):
@@ -127,9 +124,8 @@ def test_a_bow_from_angles_alone_without_any_choice(bowing):
     """A real person: the model is imperfect, and the verdict has to be right about that."""
     result = identified(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing))
     low_pass = butter(2, 3.0, fs=100, output="sos")
-    residual, measured = (
-        sosfiltfilt(low_pass, x, axis=0) for x in (result.held_out.residual, result.held_out.samples.measured)
-    )
+    held = result.held_out
+    residual, measured = (sosfiltfilt(low_pass, x, axis=0) for x in (held.residual, held.samples.measured))
     ratio = dict(zip(result.channels, np.sqrt((residual**2).mean(axis=0)) / measured.std(axis=0), strict=True))
     assert ratio["Fx"] <= 0.30 and ratio["Fz"] <= 0.42 and ratio["My"] <= 0.22
     model = result.base.regroup(result.prepared.mechanism.known)

@@ -30,11 +30,8 @@ def recording():
 
 def columns(recording, unit=1.0):
     angles = {f"{joint}_position": unit * recording[f"{joint}_position"] for joint in JOINTS}
-    wrench = {
-        f"ground_{kind}.{a}": recording[f"ground_{kind}"][:, k]
-        for kind in ("force", "torque")
-        for k, a in enumerate("xyz")
-    }
+    names = [f"ground_{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
+    wrench = dict(zip(names, recording.wrench("ground").values.T, strict=True))
     return {"time": recording.time, **angles, **wrench}
 
 
@@ -55,11 +52,8 @@ def write(path, recording):
     elif kind == "mot":
         write_mot(path, columns(recording, DEG))
     elif kind == "mat":
-        write_mat(
-            path,
-            {name: x for name, x in columns(recording).items() if "." not in name},
-            **{f"ground_{what}": recording[f"ground_{what}"] for what in ("force", "torque")},
-        )
+        scalars = {name: x for name, x in columns(recording).items() if "." not in name}
+        write_mat(path, scalars, ground_force=wrench[:, :3], ground_torque=wrench[:, 3:])
     else:
         {"csv": write_csv, "csv.gz": write_csv, "parquet": write_parquet}[kind](path, columns(recording))
 
@@ -93,6 +87,5 @@ def test_an_episode_of_a_dataset_is_named_by_its_number(tmp_path, capsys, record
     assert own_model.folder(args) == tmp_path / "double_pendulum-dataset-1"
     assert [each["file"] for each in own_model.file_entry(path)["files"]] == ["info.json", "file-000.parquet"]
     log = ident.read_log(path, sim.mechanism(MODEL, base="base"), mapping)
-    np.testing.assert_allclose(
-        log.of_joints(JOINTS, "position"), recording.of_joints(JOINTS, "position"), rtol=1e-5, atol=1e-5
-    )
+    read, written = (x.of_joints(JOINTS, "position") for x in (log, recording))
+    np.testing.assert_allclose(read, written, rtol=1e-5, atol=1e-5)

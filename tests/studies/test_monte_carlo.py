@@ -35,9 +35,8 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
 def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path):
     """It says how to go on."""
     command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
-    code, output = interrupted(
-        [*command, "--formats", "png", "--out", str(tmp_path)], rb" [1-9]\d*/100000", signal.SIGTERM
-    )
+    command += ["--formats", "png", "--out", str(tmp_path)]
+    code, output = interrupted(command, rb" [1-9]\d*/100000", signal.SIGTERM)
     # The second request ends the process at once if the first has been obeyed before it comes.
     assert code in (130, -signal.SIGTERM), output.decode()
     assert b"Traceback" not in output, output.decode()
@@ -50,8 +49,7 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path):
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 24, tmp_path, file="whole.npz")
-    died = pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers")
-    with died:
+    with pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers"):
         run(source, 24, tmp_path, analyse=Mortal.at(15, source, tmp_path), given=workers.Workers(2))
     assert "The trials done so far are in" in capsys.readouterr().err
     # At most those of its batch and of the other worker are lost.
@@ -62,12 +60,8 @@ def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
 
 
 def distribution(outcomes):
-    names = problem_names()
+    names = study("multicontact", samples=200).fit("contact").base.names
     return Distribution(names, outcomes[:, 0, 0], outcomes[:, 0, 1], np.zeros(13))
-
-
-def problem_names():
-    return study("multicontact", samples=200).fit("contact").base.names
 
 
 @pytest.mark.slow
@@ -104,25 +98,17 @@ def test_statistics():
     np.testing.assert_array_equal(errors_of.percentile, [[50, 100], [50, 100]])
     np.testing.assert_array_equal(errors_of.predicted_std, [1, 1])
     rows = list(csv.DictReader(monte_carlo_report.table("m", errors_of).csv().splitlines()))
-    assert rows[1] == {
-        "parameter": "b",
-        "mean_error": "1.5",
-        "std": str(np.std(errors[:, 1], ddof=1)),
-        "low_95": str(np.percentile(errors[:, 1], 2.5)),
-        "high_95": str(np.percentile(errors[:, 1], 97.5)),
-        "predicted_std": "1.0",
-        "coverage_95": "0.5",
-        "paper_error": "9.0",
-        "paper_percentile": "100 to 100",
-    }
+    low, high = np.percentile(errors[:, 1], [2.5, 97.5])
+    numbers = {"mean_error": 1.5, "std": np.std(errors[:, 1], ddof=1), "low_95": low, "high_95": high}
+    numbers |= {"predicted_std": 1.0, "coverage_95": 0.5, "paper_error": 9.0}
+    assert rows[1] == {"parameter": "b", "paper_percentile": "100 to 100"} | {key: str(x) for key, x in numbers.items()}
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     # Least squares in place of the trajectory estimate: its trials are then the first of the others.
-    monkeypatch.setattr(
-        simulation, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
-    )
+    quick = lambda problem, model, recording: trial(problem, [model], recording)  # noqa: E731
+    monkeypatch.setattr(simulation, "trajectory_trial", quick)
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
     work, calls = workers.in_order, []
 

@@ -84,9 +84,8 @@ def test_command_line_writes_everything(results, contact, result):
         site = scenes.load_cells(contact)["pad"]
         touching = result.recording.true["pad_normal_force"] > 0
         assert summary["fraction_all_touch"] == summary[f"{site}_fraction"] == touching.mean()
-        assert summary[f"{site}_episodes"] == len(
-            [k for k in np.flatnonzero(touching) if k == 0 or not touching[k - 1]]
-        )
+        begun = [k for k in np.flatnonzero(touching) if k == 0 or not touching[k - 1]]
+        assert summary[f"{site}_episodes"] == len(begun)
     peaks = []
     for site in scenes.load_cells(contact).values():
         force = result.recording.true[f"{site}_force"]
@@ -103,10 +102,8 @@ def test_the_trajectory_estimate_takes_contacts_too(result):
     assert abs(result.trajectory("contact").error[k]) < 4 * result.trajectory("contact").std[k]
     assert abs(result.trajectory("contact").error[k]) < abs(result.fit("contact").error[k])
     assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
-    rows = study_report.table(result, "table_4").rows
-    np.testing.assert_array_equal(
-        [row[-2:] for row in rows], np.transpose([result.trajectory("contact").error, result.trajectory("contact").std])
-    )
+    rows, own = study_report.table(result, "table_4").rows, result.trajectory("contact")
+    np.testing.assert_array_equal([row[-2:] for row in rows], np.transpose([own.error, own.std]))
     assert abs(result.trajectory("ignoring").error).max() > 10
 
 

@@ -1,18 +1,16 @@
 """A leg from an OpenSim file with a knee that slides as it bends: from model and log to verdict and updated file."""
 
-import warnings
-
 import numpy as np
 import opensim_walker
 import pytest
 from commands import refusal
-from opensim_files import Joint, constant, coordinate, document, linear, spatial, table
+from mechanisms import sines
+from opensim_files import Joint, constant, coordinate, document, linear, quietly_read, spatial, table
+from written_formats import write_csv
 
-import sim
 from experiments import identify
 from ident.geometry.inertia import parameters_from_com
 from ident.model.regressor import base_wrench_regressor
-from sim.models.notes import ModelNote
 
 SEGMENTS = """[segments]
 femur = "thigh"
@@ -20,19 +18,11 @@ tibia = { segment = "shank", proximal = [0, 0, 0], distal = [0, -0.4, 0] }
 """
 
 
-def read(path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelNote)
-        return sim.mechanism(path)
-
-
 def bodies():
     """φ of the true leg, and of the file."""
     shapes = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
-    true = {
-        name: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k]))
-        for name, (m, y, k) in shapes.items()
-    }
+    of = lambda m, y, k: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k]))  # noqa: E731
+    true = {name: of(*shape) for name, shape in shapes.items()}
     return true, {name: 1.2 * phi for name, phi in true.items()}
 
 
@@ -58,22 +48,18 @@ def swing(tmp_path_factory):
     folder = tmp_path_factory.mktemp("leg")
     true, stated = bodies()
     path = leg(folder, stated)
-    arm = read(path)
+    arm = quietly_read(path)
     t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
-    w = 2 * np.pi * np.array([[0.5, 0.9], [1.1, 0.4]])
-    size = np.array([[0.4, 0.5], [0.2, 0.3]])
-    phase = np.array([[0.0, 1.0], [2.0, 0.5]])
-    arg = w * t[:, None, None] + phase
-    q = (size * np.sin(arg)).sum(axis=1) - [0, 0.9]
-    dq, ddq = (size * w * np.cos(arg)).sum(axis=1), (-size * w**2 * np.sin(arg)).sum(axis=1)
+    w = 2 * np.pi * np.array([[0.5, 1.1], [0.9, 0.4]])
+    size = np.array([[0.4, 0.2], [0.5, 0.3]])
+    q, dq, ddq = sines(t, size, w, np.array([[0.0, 2.0], [1.0, 0.5]]))
+    q -= [0, 0.9]
     phi = np.concatenate(list(true.values()))
     wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
     noisy = wrench + rng.normal(size=wrench.shape) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
-    angles = q + 0.002 * rng.normal(size=q.shape)
-    names = ["time", "hip", "knee", *(f"ground_f{a}" for a in "xyz"), *(f"ground_t{a}" for a in "xyz")]
-    log = folder / "swing.csv"
-    np.savetxt(log, np.column_stack([t, angles, noisy]), delimiter=",", header=",".join(names), comments="")
-    return path, log, phi
+    cells = np.column_stack([q + 0.002 * rng.normal(size=q.shape), noisy]).T
+    names = "hip", "knee", *(f"ground_{kind}{axis}" for kind in "ft" for axis in "xyz")
+    return path, write_csv(folder / "swing.csv", {"time": t} | dict(zip(names, cells, strict=True))), phi
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -87,7 +73,7 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     output = capsys.readouterr().out
     assert "Usable" in output
     assert "The model's femur, tibia are taken from the table 'deleva', of a male person of 70 kg and 1.7 m." in output
-    arm, updated = read(path), read(tmp_path / "leg" / "model.osim")
+    arm, updated = quietly_read(path), quietly_read(tmp_path / "leg" / "model.osim")
     assert updated.tree == arm.tree
     # The motion does not separate a mass of the shin from a first moment of the thigh, but determines every wrench.
     q, dq, ddq = np.random.default_rng(5).uniform(-1, 0, size=(3, 100, 2)) * np.array([[[1]], [[3]], [[10]]])

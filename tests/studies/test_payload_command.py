@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import wrist
 from commands import refusal
+from written_formats import write_csv
 
 from experiments import payload
 
@@ -32,8 +33,7 @@ def files(tmp_path):
     angles = [recording[f"{joint}_position"] for joint in wrist.JOINTS]
     wrench = [*recording["wrist_force"].T, *recording["wrist_torque"].T]
     for path, names, cells in ((log, wrist.JOINTS, angles), (felt, ("fx", "fy", "fz", "tx", "ty", "tz"), wrench)):
-        table = np.stack([recording.time, *cells], axis=1)
-        np.savetxt(path, table, delimiter=",", header=",".join(["time", *names]), comments="")
+        write_csv(path, {"time": recording.time} | dict(zip(names, cells, strict=True)))
     columns.write_text(COLUMNS, encoding="utf-8")
     return [str(model), f"{log}+{felt}", "--body", "tool", "--sensor", "wrist", "--columns", str(columns)]
 
@@ -91,8 +91,5 @@ def test_a_screen_has_the_verdict_the_numbers_and_where_the_rest_is(files, tmp_p
 
 def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsys):
     monkeypatch.setattr("ident.payload.beyond_sensor.identify_payload", None)
-    for flange, sentence in (
-        ("tcp", "body or site, got 'tcp'; bodies and sites are"),
-        ("link5", "is on 'link5', which"),
-    ):
+    for flange, sentence in {"tcp": "body or site, got 'tcp'; bodies and", "link5": "is on 'link5', which"}.items():
         assert sentence in refusal(payload.main, [*files, "--flange", flange], capsys)

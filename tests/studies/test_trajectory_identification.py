@@ -91,10 +91,7 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]
     given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
     for wrong, message in (
-        (
-            "[setup]\nlate = 1",
-            "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre, rotation_deg",
-        ),
+        ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre"),
         ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):

@@ -7,8 +7,10 @@ from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, strea
 
 import ident
 from ident.estimation.preparation import Part, prepared
+from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, transform_wrench
 from ident.setup import PRIORS
+from ident.trajectory.angles_alone import UNSETTLED, smoothed
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 CASES = {
@@ -45,16 +47,11 @@ def test_of_eight_recordings_the_intervals_cover_the_truth():
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
 
 
-def test_a_log_gives_the_times_that_it_has(tmp_path):
+def test_a_log_gives_the_times_that_it_has():
     rng = np.random.default_rng(0)
     time = ticks(100.0, 2e-3, rng)
-    columns = {name: sampled(rng, name, time)[1].reshape(len(time), -1) for name in NOISE}
-    suffixes = {1: ("",), 3: (".x", ".y", ".z")}
-    header = ["time", *(f"{name}{suffix}" for name, x in columns.items() for suffix in suffixes[x.shape[1]])]
-    table = np.hstack([time[:, None], *columns.values()])
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join([",".join(header), *(",".join(map(repr, row)) for row in table.tolist())]))
-    estimate = ident.identify(pendulum(), ident.read_log(path, pendulum()), holdout=0.2)
+    columns = {"time": time} | {name: sampled(rng, name, time)[1] for name in NOISE}
+    estimate = ident.identify(pendulum(), ident.read_log(columns, pendulum()), holdout=0.2)
     pieces, end = estimate.trajectory.fit.pieces, estimate.prepared.recording.time[estimate.part.stop]
     for times in ([piece.time for piece in pieces], [piece.when for piece in pieces]):
         np.testing.assert_allclose(np.concatenate(times), time[time < end], rtol=1e-12)
@@ -101,3 +98,36 @@ def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, coun
     logs = [shortened(faulty(k), number) for k, number in enumerate(samples)]
     estimate = ident.identify(PENDULUM, logs, holdout=0, setup=dict.fromkeys(PRIORS, 0.0))
     assert estimate.trajectory.counts == counts
+
+
+def wave(time, frequency=0.7):
+    return np.sin(2 * np.pi * frequency * time)[:, None]
+
+
+@pytest.mark.parametrize("rate", [100, 1000])
+@pytest.mark.parametrize("share", [0.3, 1.0, 1.5])
+def test_a_frequency_passes_as_the_formula_says(rate, share):
+    T = 0.05
+    frequency = share / (2 * np.pi * T)
+    time = np.arange(0, 10, 1 / rate)
+    middle = time[abs(time - 5) < 3]
+    q, _, ddq, _ = smoothed(Sampled(time, wave(time, frequency)), T).evaluate(middle)
+    expected = wave(middle, frequency) / (1 + share**6)
+    np.testing.assert_allclose(q, expected, rtol=0, atol=0.002)
+    np.testing.assert_allclose(ddq, -((2 * np.pi * frequency) ** 2) * expected, rtol=0, atol=0.01 / T**2)
+
+
+def test_either_side_of_a_gap_is_smoothed_by_itself():
+    time = np.arange(0, 10, 0.01)
+    x = wave(time) + 0.01 * np.random.default_rng(0).normal(size=(1000, 1))
+    parts = [slice(0, 300), slice(640, 1000)]
+    kept = np.r_[tuple(np.arange(1000)[part] for part in parts)]
+    whole = smoothed(Sampled(time[kept], x[kept]), 0.05)
+    for part in parts:
+        alone = smoothed(Sampled(time[part], x[part]), 0.05)
+        np.testing.assert_array_equal(whole.evaluate(time[part]), alone.evaluate(time[part]))
+    between = time + 0.005
+    near = np.min([abs(between - end) for end in (0, 2.99, 6.4, 9.99)], axis=0) < UNSETTLED
+    inside = (between < 2.99) | ((between > 6.4) & (between < 9.99))
+    np.testing.assert_array_equal(whole.settled(between), inside & ~near)
+    assert abs(whole.evaluate(time[300:640])[0]).max() < 1.2

@@ -36,15 +36,7 @@ def data(rng, of=NAMES):
 
 
 def joint(information, *, scatter=None, gradient=0.0, weight=0.3, setup=SETUP):
-    """Trajectory estimate with the set-up held, whose prior had a weight in the fit.
-
-    Args:
-        information: Precision from the data (4, 4).
-        scatter: Covariance of the data's right side; by default `information`, as for the assumed noise (4, 4).
-        gradient: Precision times the step of the set-up that the data ask for (4,).
-        weight: Weight of the prior.
-        setup: The two parameters of the set-up.
-    """
+    """Trajectory estimate of information from the data, with the set-up held and a weight of the prior in the fit."""
     fit = SimpleNamespace(
         names=NAMES,
         free=np.array([True, True, False, False]),
@@ -141,9 +133,7 @@ def quadratic(seed, pieces=4, p=5):
     rows = rng.normal(size=(pieces, 12, p))
     y = rows @ rng.normal(size=p) + 0.1 * rng.normal(size=(pieces, 12))
     free, prior = np.arange(p) < p - 1, np.diag([0, 0, 0, 0.5, 4.0])
-    A = rows[..., free].reshape(-1, free.sum())
-    theta = np.zeros(p)
-    theta[free] = np.linalg.solve(A.T @ A + prior[np.ix_(free, free)], A.T @ y.ravel())
+    theta = solved(rows, y, prior, free)
     shares = [(X.T @ X, X.T @ (z - X @ theta)) for X, z in zip(rows, y, strict=True)]
     none = np.zeros(0)
     noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
@@ -174,11 +164,9 @@ def test_gains_are_what_left_out_pieces_cost_less(seed):
     more = np.ones(5, bool)
     for k, gain in enumerate(gains(fit, [4])[0]):
         others = np.arange(len(rows)) != k
-        cost = [
-            np.sum((y[k] - rows[k] @ solved(rows[others], y[others], fit.prior.precision, free)) ** 2)
-            for free in (fit.free, more)
-        ]
-        assert gain == pytest.approx(cost[0] - cost[1])
+        left = [solved(rows[others], y[others], fit.prior.precision, free) for free in (fit.free, more)]
+        usual, freed = (np.sum((y[k] - rows[k] @ theta) ** 2) for theta in left)
+        assert gain == pytest.approx(usual - freed)
     assert clearly_better(gains(fit, [4])[0])
 
 

@@ -62,8 +62,7 @@ def test_another_log_is_predicted_with_the_mean():
     assert coded(estimate, "own_in_logs") and (estimate.held_out.ratio < 0.03).all()
 
 
-LOUDER = 8.0
-"""Noise of the second recording's wrench over that of the first."""
+LOUDER = 8.0  # Noise of the second recording's wrench over that of the first.
 
 
 def quiet_and_loud(seed=0):

@@ -55,10 +55,8 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     m = random_measurement(rng, 3, ("revolute",), contacts=0)
     time = np.arange(0, 8, 0.01)
     spline, n, r = Spline.over(-0.1, 8.1, 0.1), m.coordinates, len(m.equations.names)
-    phases = rng.uniform(0, 6, (2, n))
-    c = 1.5 * np.sin(np.arange(spline.size)[:, None] * 0.3 + phases[0]) + np.sin(
-        np.arange(spline.size)[:, None] * 0.11 + phases[1]
-    )
+    phases, at = rng.uniform(0, 6, (2, n)), np.arange(spline.size)[:, None]
+    c = 1.5 * np.sin(0.3 * at + phases[0]) + np.sin(0.11 * at + phases[1])
     theta = np.where(np.arange(len(m.names)) < r, rng.normal(size=len(m.names)), 0)
     x, nothing = spline.evaluate(c, time), np.zeros((len(time), 2, 0))
     clean = m.values(x[:3], nothing, theta).T

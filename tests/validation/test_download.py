@@ -1,25 +1,32 @@
-"""Downloads, from a server on this machine: whole, broken off, wrong, refused; and what may not be copied."""
+"""Downloads from a server on this machine, and converters of published files, each on a small file of its format."""
 
 import hashlib
+import io
+import pickle
+import re
+import sqlite3
+import struct
+import threading
+import time
+import zipfile
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
-from loopback import server as loopback
 
 from experiments.data.validation import Entry, Source, SourceFile
 from experiments.studies.validation import download as downloads
+from experiments.studies.validation.converters import clamped, joint_states, noisy, tensors, wrong_bodies
 from experiments.studies.validation.download import address, cache, download
-from experiments.studies.validation.files import Places, checked, fetched
+from experiments.studies.validation.files import Places, checked, convert, fetched
 from ident.errors import InputError
 
 CONTENT = bytes(range(256)) * 3000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
-
-
-def server(content=CONTENT, **options):
-    """The server of loopback.py, of `CONTENT` by default."""
-    return loopback(content, **options)
 
 
 def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
@@ -65,13 +72,10 @@ ENTRY = Entry(
 
 
 @pytest.mark.parametrize("licence", ["", "proprietary"])
-def test_what_may_not_be_copied_is_not_downloaded(licence):
+def test_what_may_not_be_copied_or_is_of_unknown_origin_is_not_downloaded(licence):
     entry = replace(ENTRY, source=replace(ENTRY.source, licence=licence))
     with pytest.raises(InputError, match=r"lets nobody copy it.*--data"):
         address(entry, entry.files[0])
-
-
-def test_a_file_of_unknown_origin_is_not_downloaded():
     with pytest.raises(InputError, match=r"where 'b.csv' is published is not known.*--data"):
         address(ENTRY, SourceFile("b.csv"))
 
@@ -106,3 +110,172 @@ def test_a_published_file_is_converted_after_its_download(tmp_path):
     assert [path.name for path in Path(tmp_path).iterdir()] == ["r.urdf"]
     # It may be written otherwise than the one that was tried.
     assert checked(entry, tmp_path) == ("r.urdf",)
+
+
+@contextmanager
+def server(contents=CONTENT, *, status=200, whole=None, location=None, pause=0.0):
+    """Address of a server that may lie about the size, redirect or pause, and the files that it is asked for."""
+    asked = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            name = self.path.rpartition("/")[2]
+            content = contents[name] if isinstance(contents, dict) else contents
+            asked.append(name)
+            self.send_response(status)
+            self.send_header("Content-Length", str(whole or len(content)))
+            if location is not None:
+                self.send_header("Location", location)
+            self.end_headers()
+            with suppress(ConnectionError):
+                for k in range(0, len(content), 1 if pause else len(content) or 1):
+                    self.wfile.write(content[k : k + 1] if pause else content)
+                    time.sleep(pause)
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as httpd:
+        thread = threading.Thread(target=httpd.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{httpd.server_port}", asked
+        finally:
+            httpd.shutdown()
+            thread.join()
+
+
+MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
+<body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
+<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+<body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
+<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
+
+
+def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
+    exact, out = tmp_path / "in.sto", [tmp_path / "out.sto", tmp_path / "again.sto"]
+    names = ["time", "pelvis_tx", "knee_angle_r", "ground_force_r_px", "ground_force_r_vy"]
+    exact.write_text("\n".join(["inDegrees=no", "endheader", "\t".join(names), *["1\t1\t1\t1\t1"] * 400]))
+    for each in out:
+        noisy(exact, each)
+    text = out[0].read_text(encoding="utf-8")
+    assert text == out[1].read_text(encoding="utf-8") and text.startswith("inDegrees=no\nendheader\n")
+    table = np.loadtxt(out[0], skiprows=3)
+    np.testing.assert_allclose(table.std(axis=0), [0, 1e-3, np.radians(0.5), 0, 1.0], rtol=0.1)
+
+
+def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
+    text = "<mass>2</mass><mass_center>0 1 3</mass_center><inertia>1 1 1 0 0 0</inertia><mesh>2</mesh>"
+    (tmp_path / "in.osim").write_text(text, encoding="utf-8")
+    wrong_bodies(tmp_path / "in.osim", tmp_path / "out.osim")
+    made = (tmp_path / "out.osim").read_text(encoding="utf-8")
+    mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
+    assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
+    assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
+
+
+def test_a_floating_model_is_clamped(tmp_path):
+    (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
+    clamped(tmp_path / "in.xml", tmp_path / "out.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert (model.njnt, model.nmesh, model.nkey, model.ngeom) == (1, 0, 0, 1)
+
+
+def cdr(seconds, joints, *numbers):
+    """A `sensor_msgs/JointState` in CDR."""
+    out = bytearray(struct.pack("<iI", int(seconds), round(1e9 * (seconds % 1))))
+
+    def put(form, size, value):
+        out.extend(bytes(-len(out) % size) + struct.pack("<" + form, value))
+
+    def text(value):
+        put("I", 4, len(value) + 1)
+        out.extend(value.encode() + b"\0")
+
+    text("frame")
+    put("I", 4, len(joints))
+    for joint in joints:
+        text(joint)
+    for each in numbers:
+        put("I", 4, len(each))
+        for x in each:
+            put("d", 8, x)
+    return b"\0\1\0\0" + bytes(out)
+
+
+def bag(path, messages):
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER, name TEXT, type TEXT)")
+        connection.execute("CREATE TABLE messages (topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        topics = [(1, "/states", "sensor_msgs/msg/JointState"), (2, "/tf", "tf2_msgs/msg/TFMessage")]
+        connection.executemany("INSERT INTO topics VALUES (?, ?, ?)", topics)
+        connection.executemany("INSERT INTO messages VALUES (?, ?, ?)", messages)
+    connection.close()
+
+
+def test_a_bag_s_joint_states_become_a_table(tmp_path):
+    joints = ["shoulder", "el"]
+    rows = [(2.5, [0.1, 0.2], [1.0, 2.0], [10.0, 20.0]), (2.75, [0.3, 0.4], [3.0, 4.0], [30.0, 40.0])]
+    messages = [(1, k, cdr(t, joints, *more)) for k, (t, *more) in reversed(list(enumerate(rows)))]
+    bag(tmp_path / "in.db3", [*messages, (2, 5, b"something else")])
+    joint_states(tmp_path / "in.db3", tmp_path / "out.csv")
+    head, *lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert head.split(",")[:3] == ["time", "shoulder_position", "el_position"]
+    assert head.split(",")[-1] == "el_torque"
+    expected = [[t - 2.5, *q, *dq, *tau] for t, q, dq, tau in rows]
+    assert [[float(x) for x in line.split(",")] for line in lines] == expected
+
+
+def test_a_bag_without_joint_states_or_a_damaged_one_is_a_sentence(tmp_path):
+    bag(tmp_path / "in.db3", [])
+    with pytest.raises(InputError, match="holds no joint states"):
+        convert("joint_states", tmp_path / "in.db3", tmp_path / "out.csv")
+    bag(tmp_path / "short.db3", [(1, 0, cdr(0, ["a"], [1.0], [1.0], [1.0])[:-4])])
+    (tmp_path / "none.db3").write_bytes(b"no bag at all" * 100)
+    for name in ("short.db3", "none.db3"):
+        with pytest.raises(InputError, match="it is damaged"):
+            convert("joint_states", tmp_path / name, tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def tensor_file(path, tables, rebuild=("torch._utils", "_rebuild_tensor_v2")):
+    """Writes a tensor file by hand: opcodes of its dictionary, and the numbers of each storage."""
+    out = io.BytesIO()
+    out.write(b"\x80\x02}(")
+    for key, (name, array) in enumerate(tables.items()):
+        out.write(b"X" + struct.pack("<I", len(name)) + name.encode())
+        out.write(b"c" + f"{rebuild[0]}\n{rebuild[1]}\n".encode() + b"((")
+        out.write(b"X\x07\0\0\0storage" + b"ctorch\nFloatStorage\n")
+        out.write(b"X\x01\0\0\0" + str(key).encode() + b"X\x03\0\0\0cpu" + b"J" + struct.pack("<i", array.size) + b"tQ")
+        out.write(b"J" + struct.pack("<i", 0))
+        for each in (array.shape, [x // 4 for x in array.strides]):
+            out.write(b"(" + b"".join(b"J" + struct.pack("<i", x) for x in each) + b"t")
+        out.write(b"\x89" + b"ccollections\nOrderedDict\n)R" + b"tR")
+    out.write(b"u.")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("traj/data.pkl", out.getvalue())
+        for key, array in enumerate(tables.values()):
+            archive.writestr(f"traj/data/{key}", array.tobytes(order="A"))
+
+
+def test_a_tensor_file_becomes_a_table(tmp_path):
+    rng = np.random.default_rng(0)
+    q = rng.normal(size=(3, 12)).astype("<f4")
+    # Stored column by column, as a transposed tensor is.
+    u = np.asfortranarray(rng.normal(size=(3, 12)).astype("<f4"))
+    tensor_file(tmp_path / "in.pt", {"time": np.arange(3, dtype="<f4") / 200, "dof_pos": q, "des_dof_pos": u})
+    tensors(tmp_path / "in.pt", tmp_path / "out.csv")
+    head, *_ = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert head.startswith("time,q_FL_hip_joint,q_FL_thigh_joint") and head.endswith("u_RR_calf_joint")
+    table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table, np.column_stack([np.arange(3) / 200, q, u]), rtol=1e-6)
+
+
+def test_a_tensor_file_runs_no_code(tmp_path):
+    table = {"time": np.zeros(1, "<f4")}
+    tensor_file(tmp_path / "in.pt", table, rebuild=("os", "system"))
+    with pytest.raises(InputError, match=r"'os\.system' is not read"):
+        convert("tensors", tmp_path / "in.pt", tmp_path / "out.csv")
+    (tmp_path / "none.pt").write_bytes(pickle.dumps({}))
+    with pytest.raises(InputError, match="it is damaged"):
+        convert("tensors", tmp_path / "none.pt", tmp_path / "out.csv")

@@ -191,9 +191,8 @@ def test_solutions_and_inverse_are_those_of_the_dense_matrix(seed, width):
     np.testing.assert_allclose(half.T @ half, right.T @ expected, atol=1e-9 * abs(right.T @ expected).max())
     for k, window in enumerate(factor.inverse_windows(number)):
         own = slice((k + WINDOW - width) * n, (k + WINDOW) * n)
-        np.testing.assert_allclose(
-            window[-width * n :, -width * n :], inverse[own, own], atol=1e-9 * abs(inverse).max()
-        )
+        corner = window[-width * n :, -width * n :]
+        np.testing.assert_allclose(corner, inverse[own, own], atol=1e-9 * abs(inverse).max())
 
 
 @pytest.mark.parametrize("width", [WINDOW - 1, WINDOW])
