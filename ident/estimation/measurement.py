@@ -21,7 +21,7 @@ import numpy as np
 from ident.estimation import loads
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.recorded_motion import REFERENCES, WIDTH, Tracked, base_motion, joint_states, reading
-from ident.estimation.setup_parameters import MARKERS, SetupParameter
+from ident.estimation.setup_parameters import CLOCKS, MARKERS, SetupParameter
 from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -114,9 +114,17 @@ class Measurement:
 
     @cached_property
     def shifts(self) -> dict[int, Shift]:
-        """Shifts of the samples' true times by their index in θ, the rates of clocks before the delays."""
-        shifts = {at: each.row.shift for at, each in self.setup_at.items()}
-        return {at: shift for at, shift in reversed(shifts.items()) if shift is not None}
+        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
+        return self._shifts(of_poses=False)
+
+    @cached_property
+    def pose_shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of poses by index in θ."""
+        return self._shifts(of_poses=True)
+
+    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
+        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
+        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
 
     @property
     def smooth(self) -> bool:

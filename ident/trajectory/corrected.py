@@ -127,7 +127,7 @@ class Smoothed:
         """
         piece = self._whole
         every = clocks(self.measurement, piece, theta)
-        (own, late), (_, when) = every[0], every[-1]
+        (own, late, _), (_, when, _) = every[0], every[-1]
         if len(every) > 1:
             channels = piece.measured.copy()
             channels[:, own] = np.stack([np.interp(when, late, column) for column in channels[:, own].T], axis=1)

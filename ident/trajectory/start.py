@@ -47,7 +47,7 @@ def _none(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
 
 
-COORDINATES = cast(Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
+COORDINATES = cast(Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, pose_shifts={}, tracked={}, dependence=_none))
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimation.measurement import Measurement
+from ident.estimation.recorded_motion import WIDTH
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
 from ident.trajectory.algebra.groups import Group, channel_groups, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
@@ -67,7 +68,7 @@ def misfit(measurement: Measurement, piece: Piece, coefficients: np.ndarray, the
     """
     states = _states(measurement, piece, coefficients, theta, noise)
     channels = []
-    for own, when in clocks(measurement, piece, theta):
+    for own, when, _ in clocks(measurement, piece, theta):
         local = piece.at_channels(when).local
         if (nodes := _nodes(measurement, piece, when, noise)) is None:
             predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
@@ -254,9 +255,12 @@ def dependence(measurement: Measurement, columns: np.ndarray) -> tuple[np.ndarra
     """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
     of_states, of_theta = measurement.dependence(columns)
     of_states[~of_states.any(axis=1), :1] = True
+    first_pose = len(of_theta) - WIDTH * len(measurement.tracked)
     moved = np.asarray(of_states.any(axis=1))
     for entry in measurement.shifts:
-        of_theta[:, columns == entry] |= moved[:, None]
+        of_theta[:first_pose, columns == entry] |= moved[:first_pose, None]
+    for entry in measurement.pose_shifts:
+        of_theta[first_pose:, columns == entry] |= moved[first_pose:, None]
     return of_states, of_theta
 
 
@@ -283,18 +287,18 @@ def _channel_equations(
     columns: np.ndarray,
 ) -> Iterator[ChannelEquations]:
     """Yields the derivatives by coordinates and free θ, and innovations, of the channels on each clock."""
-    for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
+    for own, when, shifts in clocks(measurement, piece, theta, columns.tolist()):
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
         x = (at if nodes is None else nodes.sampling).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)
         values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
-        if k == 0:
+        if shifts:
             rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
             elapsed = piece.when - piece.origin
             elapsed = elapsed if nodes is None else _along(nodes.time, when, elapsed)
-            for entry, shift in measurement.shifts.items():
+            for entry, shift in shifts.items():
                 by_theta[..., columns == entry] = (rate * shift(elapsed)[:, None])[..., None]
         if nodes is not None:
             values = nodes.interpolated(values.T).T
