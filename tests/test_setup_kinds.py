@@ -59,7 +59,10 @@ def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, wor
     other = {"farther from": "nearer to", "nearer to": "farther from"}[words]
     assert words not in sentence(each, -0.0123, 0.0011) and other in sentence(each, -0.0123, 0.0011)
     fit = SimpleNamespace(names=[each.name], covariance=np.eye(1) * 0.0011**2, theta=np.array([0.0123]))
-    (finding,) = setup_findings(SimpleNamespace(fit=fit, deviations=(Deviation(0, ()),), setup={0: each}))
+    joint = SimpleNamespace(
+        fit=fit, deviations=(Deviation(0, ()),), setup={0: each}, covariance_of_setup=np.zeros((1, 1))
+    )
+    (finding,) = setup_findings(joint)
     assert finding.text.startswith(start)
 
 
@@ -89,6 +92,6 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
 
 def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
-    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", *angles]
+    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", "tracker_delay", *angles]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
-    assert OWN == ("offset", "friction", "delay", "lag")
+    assert OWN == ("offset", "friction", "delay", "lag", "tracker_delay")

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.loads import unseen
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -83,7 +82,7 @@ class Smoothed:
         mechanism = replace(self.prepared.mechanism, gravity=gravity, tree=tree)
         rows = _rows(measurement, theta) if measurement.components else None
         own, changed = measurement.equations, theta[len(measurement.equations.names) :].any()
-        return replace(own, mechanism=mechanism, wrench=rows, beside=unseen(own) if changed else None)
+        return replace(own, mechanism=mechanism, wrench=rows, beside=measurement.beside(theta) if changed else None)
 
     def corrected(self, estimate: TrajectoryEstimate, T: float, part: slice) -> Prepared:
         """Recording with the set-up and the motion of an estimate, smoothed from angles alone where it was not fitted.

@@ -223,7 +223,7 @@ def normal_equations(
     """
     channels = list(_channel_equations(measurement, piece, coefficients, theta, noise, columns))
     states = _states(measurement, piece, coefficients, theta, noise)
-    of_states, of_theta = dependence(measurement, columns)
+    of_states, of_theta = dependence(measurement, theta, columns)
     zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if at in columns}
     parts = []
     for component in components(of_states, of_theta, zeros, coefficients.shape[1]):
@@ -251,9 +251,9 @@ def _picked(derivatives: np.ndarray, channels: np.ndarray, last: np.ndarray) -> 
     return derivatives if len(last) == derivatives.shape[-1] else derivatives[..., last]
 
 
-def dependence(measurement: Measurement, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def dependence(measurement: Measurement, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
-    of_states, of_theta = measurement.dependence(columns)
+    of_states, of_theta = measurement.dependence(theta, columns)
     of_states[~of_states.any(axis=1), :1] = True
     first_pose = len(of_theta) - WIDTH * len(measurement.tracked)
     moved = np.asarray(of_states.any(axis=1))
