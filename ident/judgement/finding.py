@@ -215,13 +215,9 @@ class SetupFinding:
 
 
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
-    """Set-up errors of a trajectory estimate, the most significant first.
-
-    Their standard deviations include what else of the set-up is uncertain: displaced joints may look like a tilt.
-    """
+    """Set-up errors of a trajectory estimate, the most significant first."""
     names, out = joint.fit.names, []
-    variances = np.diag(joint.fit.covariance) + np.diag(joint.covariance_of_setup)
-    theta, deviations = joint.fit.theta.tolist(), np.sqrt(variances).tolist()
+    theta, deviations = joint.fit.theta.tolist(), np.sqrt(np.diag(joint.fit.covariance)).tolist()
     for deviation in joint.deviations:
         k, together = deviation.index, deviation.together
         each, value, std = joint.setup[k], theta[k], deviations[k]
