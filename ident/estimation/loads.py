@@ -66,7 +66,7 @@ def unseen(equations: Equations) -> tuple[np.ndarray, np.ndarray]:
     """
     mechanism, parameters = equations.mechanism, equations.parameters
     dependent, shape = list(parameters.dependent), (len(parameters.dependent), parameters.rank)
-    if mechanism.prior is None:
+    if mechanism.prior is None or not (mechanism.prior[::10] > 0).any():
         return np.zeros(shape[0]), np.zeros(shape)
     covariance = known_covariance(mechanism, parameters, absorbed=equations.absorbed)
     of_bodies = known_roots(mechanism).reshape(-1, 10, 10)
