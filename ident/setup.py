@@ -219,6 +219,17 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         note="Inertias of an updated model belong to that place; --write-geometry writes it, too.",
     ),
+    "tracker_delay": SetupKind(
+        std=0.05,
+        unit=TIME,
+        of="tracker_clocks",
+        sentence="The poses of tracked bodies are {size} {sign}",
+        signs=("late", "early"),
+        short="a delay of the poses of tracked bodies",
+        label="delay of the poses of tracked bodies",
+        shift=_later,
+        own=True,
+    ),
     "tracker_origin": SetupKind(
         std=1.0,
         unit=LENGTH,

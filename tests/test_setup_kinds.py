@@ -89,6 +89,6 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
 
 def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
-    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", *angles]
+    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", "tracker_delay", *angles]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
-    assert OWN == ("offset", "friction", "delay", "lag")
+    assert OWN == ("offset", "friction", "delay", "lag", "tracker_delay")

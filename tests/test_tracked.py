@@ -181,14 +181,25 @@ def test_hidden_markers_are_gaps_and_a_saved_recording_keeps_its_trackers(tmp_pa
     np.testing.assert_array_equal(ident.Recording.load(tmp_path / "run.csv").trackers["flange"].frame, np.eye(4))
 
 
-@pytest.mark.parametrize("wrong", ["nothing", "body", pytest.param("lag", marks=pytest.mark.slow)])
+def test_a_late_tracker_is_estimated():
+    recording, *_ = recorded(zeros=np.radians(0.5), seconds=4.0)
+    streams = {
+        name: Sampled(recording.time[2:], recording[name][:-2]) for name in ("flange_position", "flange_orientation")
+    }
+    late = identified(replace(recording, streams=streams))
+    (finding,) = coded(late, "setup_tracker_delay")
+    assert re.match(r"The poses of tracked bodies are (19\.9|20\.0)\d* ± 0\.00\d+ ms late\.", finding.text)
+    assert not any(each.doubt for each in coded(late, "tracked_poses"))
+    own, usual = results(late), results(identified(recording))
+    assert abs(own["tracker_delay"][0] - 0.02) < 4 * own["tracker_delay"][1]
+    assert abs(own["zero(roll)"][0] - usual["zero(roll)"][0]) < own["zero(roll)"][1]
+
+
+@pytest.mark.parametrize("wrong", ["nothing", "body"])
 def test_poses_that_do_not_fit_are_a_doubt(wrong):
     recording, *_ = recorded(seconds=4.0)
     if wrong == "body":
         recording = replace(recording, trackers={"flange": Tracker("b2")})
-    if wrong == "lag":
-        late = {name: np.roll(x, 2, axis=0) for name, x in recording.measured.items() if name.startswith("flange")}
-        recording = replace(recording, measured={**recording.measured, **late})
     (finding,) = coded(identified(recording), "tracked_poses")
     assert finding.doubt == (wrong != "nothing") and finding.place.bodies == ("b2" if wrong == "body" else "b4",)
     if wrong == "nothing":

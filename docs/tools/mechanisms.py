@@ -163,9 +163,9 @@ class _Dense:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.measurement, name)
 
-    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masks of ones."""
-        of_states, of_theta = self.measurement.dependence(columns)
+        of_states, of_theta = self.measurement.dependence(theta, columns)
         return np.ones_like(of_states), np.ones_like(of_theta)
 
 

@@ -19,36 +19,63 @@ from ident.model.axes import Axes, stated_values
 from ident.model.closed_form import BodyMotion
 from ident.model.inverse_dynamics import body_wrenches, inverse_dynamics
 from ident.model.regressor import drive_signals
+from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.tolerances import DRIVE, USUAL_DRIVE
 
 SLIP = 0.003
 """Default velocity over which Coulomb friction changes sign, rad/s or m/s."""
 
 
-def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np.ndarray) -> list[np.ndarray]:
+def inertial_wrenches(
+    equations: Equations, motions: list[BodyMotion], theta: np.ndarray, unseen: np.ndarray
+) -> list[np.ndarray]:
     """Inertial and gravitational wrench of each body.
 
     Args:
         equations: The mechanism and its base parameters.
         motions: Motion of every body.
-        theta: Base parameters ψ first (≥ r,). They set the standard parameters of the same names; the others keep
-            the model's values.
+        theta: Base parameters ψ first (≥ r,).
+        unseen: Dependent entries of φ (d,), as `unseen`.
 
     Returns:
         Wrench in the base frame of every body (6,), zeros for massless ones.
     """
-    parameters, phi = equations.parameters, unseen(equations).astype(object)
-    phi[list(parameters.kept)] += theta[: parameters.rank]
+    phi = beside(equations, unseen)
+    phi[list(equations.parameters.kept)] += theta[: equations.parameters.rank]
     return body_wrenches(equations.mechanism.tree, motions, phi)
 
 
-def unseen(equations: Equations) -> np.ndarray:
-    """The model's φ less what base parameters contain of it: no channel shows it at the joints of the model (10 b,)."""
-    mechanism, parameters = equations.mechanism, equations.parameters
-    known = np.zeros(10 * len(mechanism.tree.inertial)) if mechanism.prior is None else mechanism.prior
-    phi = known.copy()
-    phi[list(parameters.kept)] -= parameters.regroup(known)
+def beside(equations: Equations, unseen: np.ndarray) -> np.ndarray:
+    """φ with dependent entries (d,) and base parameters of zero: no channel shows it at the model's joints (10 b,)."""
+    parameters = equations.parameters
+    phi = np.zeros(len(parameters.parameters), unseen.dtype)
+    phi[list(parameters.dependent)] = unseen
+    for row, beta in zip(parameters.kept, parameters.beta, strict=True):
+        for k in np.flatnonzero(beta):
+            phi[row] = phi[row] - beta[k] * unseen[k]
     return phi
+
+
+def unseen(equations: Equations) -> tuple[np.ndarray, np.ndarray]:
+    """Dependent entries of φ by the model (d,), and their likeliest changes by those of ψ (d, r).
+
+        φ_d(ψ) = φ_d + D (ψ - ψ_model),        D = (S Bᵀ)_d (B S Bᵀ)⁻¹
+
+    with ψ = B φ and S the prior covariance of φ. No channel shows them at the joints of the model, but where these are
+    displaced or tilted, ψ alone is no body: it may have -1700 kg where two joints are 10 mm apart.
+    """
+    mechanism, parameters = equations.mechanism, equations.parameters
+    dependent, shape = list(parameters.dependent), (len(parameters.dependent), parameters.rank)
+    if mechanism.prior is None or not (mechanism.prior[::10] > 0).any():
+        return np.zeros(shape[0]), np.zeros(shape)
+    covariance = known_covariance(mechanism, parameters, absorbed=equations.absorbed)
+    of_bodies = known_roots(mechanism).reshape(-1, 10, 10)
+    across = np.einsum("bkp,bkr->bpr", of_bodies, known_rows(mechanism, parameters).reshape(-1, 10, parameters.rank))
+    scale = np.sqrt(np.diag(covariance))
+    changes = np.linalg.solve(
+        covariance / np.outer(scale, scale), across.reshape(-1, len(scale))[dependent].T / scale[:, None]
+    )
+    return mechanism.prior[dependent], changes.T / scale
 
 
 def drive_torques(

@@ -21,7 +21,7 @@ import numpy as np
 from ident.estimation import loads
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.recorded_motion import REFERENCES, WIDTH, Tracked, base_motion, joint_states, reading
-from ident.estimation.setup_parameters import MARKERS, SetupParameter
+from ident.estimation.setup_parameters import CLOCKS, MARKERS, SetupParameter
 from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -114,9 +114,17 @@ class Measurement:
 
     @cached_property
     def shifts(self) -> dict[int, Shift]:
-        """Shifts of the samples' true times by their index in θ, the rates of clocks before the delays."""
-        shifts = {at: each.row.shift for at, each in self.setup_at.items()}
-        return {at: shift for at, shift in reversed(shifts.items()) if shift is not None}
+        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
+        return self._shifts(of_poses=False)
+
+    @cached_property
+    def pose_shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of poses by index in θ."""
+        return self._shifts(of_poses=True)
+
+    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
+        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
+        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
 
     @property
     def smooth(self) -> bool:
@@ -164,8 +172,32 @@ class Measurement:
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
+        if not self.is_displaced(theta):
+            return self._derivatives(self._gradients_program, (states, wrenches, theta), columns)
+        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._unseen[0]))
+        inputs = states, wrenches, theta
+        values, by_states, by = self._derivatives(self._displaced_program, inputs, np.append(columns, unseen))
+        by_theta, by_unseen = np.split(by, [len(columns)], axis=1)
+        of_bodies = columns < rank
+        by_theta[:, of_bodies] += self._unseen[1][:, columns[of_bodies]].T @ by_unseen
+        return values, by_states, by_theta
+
+    def is_displaced(self, theta: np.ndarray) -> bool:
+        """True if ψ was regrouped for other joints, or for another gravity, than θ has."""
+        return any(theta[at] for at in self._regrouping)
+
+    @cached_property
+    def _regrouping(self) -> list[int]:
+        """Indices in θ of what changes how φ is regrouped; on a moving base, gravity does not."""
+        kinds = ("axis", "centre") if self.of_base else ("axis", "centre", "gravity")
+        return [at for at, each in self.setup_at.items() if each.kind in kinds]
+
+    def _derivatives(
+        self, recorded: tuple[Program, np.ndarray], inputs: tuple[np.ndarray, ...], columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `derivatives`, by entries of θ and of `unseen` after it."""
         n, channels = self.coordinates, self.width
-        program, nonzero = self._gradients_program
+        program, nonzero = recorded
         number, every = 3 * n + len(columns), np.arange(channels)
         position = np.zeros(nonzero.shape, int)
         position[nonzero] = np.arange(channels, channels + nonzero.sum())
@@ -173,14 +205,18 @@ class Measurement:
         place = np.flatnonzero(wanted)
         # Results that are identically zero are neither computed nor copied.
         wanted, place = np.append(every, wanted[place]), np.append(every, channels + place)
-        out = self._run(program, (states, wrenches, theta), wanted, place, channels * (1 + number))
+        out = self._run(program, inputs, wanted, place, channels * (1 + number))
         by = out[channels:].reshape(channels, number, -1)
         return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
 
-    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
         n, (_, nonzero) = self.coordinates, self._gradients_program
-        return np.asarray(nonzero[:, : 3 * n].reshape(-1, 3, n).any(axis=1)), nonzero[:, 3 * n + columns]
+        of_theta = nonzero[:, 3 * n + columns]
+        if self.is_displaced(theta):
+            of_bodies = columns < self.equations.parameters.rank
+            of_theta[:, of_bodies] = of_theta[:, of_bodies].any(axis=1, keepdims=True)
+        return np.asarray(nonzero[:, : 3 * n].reshape(-1, 3, n).any(axis=1)), of_theta
 
     def _run(
         self, program: Program, inputs: Sequence[np.ndarray], wanted: np.ndarray, place: np.ndarray, number: int
@@ -194,7 +230,7 @@ class Measurement:
         if self._on:
             starts = np.hstack([starts, self._on.started(states[0, :, : self.of_base])[:, self.of_base :]])
         rows = [*states.swapaxes(1, 2), starts.T, wrenches.reshape(len(wrenches), -1).T]
-        constants = np.concatenate([theta, self._slips])
+        constants = np.concatenate([theta, self.unseen(theta), self._slips])
         along = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
         out = np.zeros((len(wrenches), number))
         size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
@@ -208,6 +244,20 @@ class Measurement:
         return out.T
 
     @cached_property
+    def _unseen(self) -> tuple[np.ndarray, np.ndarray]:
+        of_model, changes = loads.unseen(self.equations)
+        return of_model, changes if self._regrouping else 0 * changes
+
+    def unseen(self, theta: np.ndarray) -> np.ndarray:
+        """Likeliest dependent entries of φ (d,)."""
+        (of_model, changes), rank = self._unseen, self.equations.parameters.rank
+        return of_model + changes @ (theta[:rank] - self.equations.from_model[:rank])
+
+    def beside(self, theta: np.ndarray) -> np.ndarray:
+        """φ that acts beside ψ, by which no channel is changed at the model's joints (10 b,)."""
+        return loads.beside(self.equations, self.unseen(theta))
+
+    @cached_property
     def _slips(self) -> np.ndarray:
         """Velocities over which Coulomb friction changes sign, empty if no torque is a channel."""
         if not self.equations.torques:
@@ -217,7 +267,7 @@ class Measurement:
     def with_slips(self, slips: np.ndarray) -> "Measurement":
         """Measurement with other slips (m,) and the same programs, of which slips are inputs."""
         other = replace(self, equations=replace(self.equations, slips=slips))
-        for name in ("_channels_program", "_gradients_program"):
+        for name in ("_channels_program", "_gradients_program", "_displaced_program"):
             other.__dict__[name] = getattr(self, name)
         return other
 
@@ -235,25 +285,42 @@ class Measurement:
 
         The mask tells the derivatives of each channel by states and by θ (C, 3 n + p).
         """
+        return self._gradients(by_unseen=False)
+
+    @cached_property
+    @uncollected()
+    def _displaced_program(self) -> tuple[Program, np.ndarray]:
+        """The same, with gradients by `unseen` after those by θ."""
+        return self._gradients(by_unseen=True)
+
+    def _gradients(self, *, by_unseen: bool) -> tuple[Program, np.ndarray]:
         tape, wanted, channels = self._recorded()
+        wanted = wanted if by_unseen else wanted[: len(wanted) - len(self._unseen[0])]
         gradients = [gradient(channel, wanted) for channel in channels]
         nonzero = np.array([[isinstance(d, Signal) or d != 0 for d in row] for row in gradients], bool)
         kept = [gradients[c][k] for c, k in np.argwhere(nonzero)]
         return Program.of(tape, channels + kept), nonzero.reshape(len(channels), len(wanted))
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
-        """Tape of the channels, its inputs that are states and θ, and the channels."""
+        """Tape of the channels, its inputs that are states, θ and `unseen`, and the channels."""
         n, d, measured = self.coordinates, len(self.tree.dependent), len(self.contacts) + len(self.tracked)
-        ends = np.cumsum([3 * n, d + (len(self._on.dependent) if self._on else 0), 12 * measured, len(self.names)])
+        d += len(self._on.dependent) if self._on else 0
+        ends = np.cumsum([3 * n, d, 12 * measured, len(self.names), len(self._unseen[0])])
         tape = Tape(int(ends[-1]) + len(self._slips))
-        states, starts, wrenches, theta, slips = np.split(np.array(tape.inputs), ends)
-        channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, slips)
-        return tape, [*states, *theta], channels
+        states, starts, wrenches, theta, unseen, slips = np.split(np.array(tape.inputs), ends)
+        channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, unseen, slips)
+        return tape, [*states, *theta, *unseen], channels
 
     def _channels(
-        self, states: np.ndarray, starts: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray
+        self,
+        states: np.ndarray,
+        starts: np.ndarray,
+        wrenches: np.ndarray,
+        theta: np.ndarray,
+        unseen: np.ndarray,
+        slips: np.ndarray,
     ) -> list[Value]:
-        """Channels on a tape, from states (3, n), starts of dependent joints (d,), wrenches (2, k, 6), θ and slips.
+        """Channels on a tape, from states (3, n), starts of dependent joints (d,), wrenches (2, k, 6), θ, φ and slips.
 
         Those of the mechanism's own loops are before those of its carrier's.
         """
@@ -272,7 +339,7 @@ class Measurement:
             torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
-        own = read(loads.inertial_wrenches(equations, motions, theta), drives, theta)
+        own = read(loads.inertial_wrenches(equations, motions, theta, unseen), drives, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):

@@ -123,7 +123,7 @@ def setup_parameters(
             *(kind, subject.name, axis, own),
             place=subject.place,
             link=subject.links.get(axis, ""),
-            calibrated=subject.name in carrying and row.of in OF_JOINTS,
+            calibrated=row.of == CLOCKS or (subject.name in carrying and row.of in OF_JOINTS),
         )
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
@@ -148,7 +148,8 @@ def objects(
         `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
         `frames` of the wrenches; `channels`, and those of the contacts; `scales` of torques that are stated not to be
         exact, whose channels have no gain besides; `gravity`, about the axes across it; `angles` of the hinges, and
-        their `axes`, about those across; `centres` of the joints; `trackers`, unknown frames of trackers and markers.
+        their `axes`, about those across; `centres` of the joints; `trackers`, unknown frames of trackers and markers;
+        `tracker_clocks`, one for all tracked bodies.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
@@ -176,6 +177,7 @@ def objects(
         ],
         "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
         "trackers": [Subject(name, range(3), {}) for name in unknown_frames(trackers)],
+        CLOCKS: [Subject("", (None,), {})] if trackers else [],
     }
 
 
@@ -188,6 +190,9 @@ PARALLEL = 1e-9
 
 OF_JOINTS = ("angles", "axes", "centres")
 """Objects of the kinds of errors that displace or turn bodies."""
+
+CLOCKS = "tracker_clocks"
+"""Objects of a delay of poses, which any motion shows."""
 
 TRACKER, MARKERS = "tracker", "markers of '{}'"
 """Names of the frames of a tracker and of the markers of a tracked body."""

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.loads import unseen
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -82,7 +81,7 @@ class Smoothed:
         mechanism = replace(self.prepared.mechanism, gravity=gravity, tree=tree)
         rows = _rows(measurement, theta) if measurement.components else None
         own, changed = measurement.equations, theta[len(measurement.equations.names) :].any()
-        return replace(own, mechanism=mechanism, wrench=rows, beside=unseen(own) if changed else None)
+        return replace(own, mechanism=mechanism, wrench=rows, beside=measurement.beside(theta) if changed else None)
 
     def corrected(self, estimate: TrajectoryEstimate, T: float, part: slice) -> Prepared:
         """Recording with the set-up and the motion of an estimate, smoothed from angles alone where it was not fitted.
@@ -126,7 +125,7 @@ class Smoothed:
         """
         piece = self._whole
         every = clocks(self.measurement, piece, theta)
-        (own, late), (_, when) = every[0], every[-1]
+        (own, late, _), (_, when, _) = every[0], every[-1]
         if len(every) > 1:
             channels = piece.measured.copy()
             channels[:, own] = np.stack([np.interp(when, late, column) for column in channels[:, own].T], axis=1)

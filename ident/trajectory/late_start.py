@@ -81,11 +81,11 @@ def compared(
     """Residuals (M, C) and columns (M, C, k) of every `share`-th sample, of those neither missing nor near the ends."""
     piece = replace(piece, measured=piece.measured[:, : len(measurement.equations.channels)])
     every = clocks(measurement, piece, theta)
-    settled = np.all([motion.settled(when) for _, when in every], axis=0)
+    settled = np.all([motion.settled(when) for _, when, _ in every], axis=0)
     taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[::share]
     residual, chosen = piece.measured[taken], np.arange(len(measurement.equations.names))
     columns = np.zeros((*residual.shape, len(chosen)))
-    for own, when in every if len(taken) else ():
+    for own, when, _ in every if len(taken) else ():
         states = motion.evaluate(when[taken])[:3]
         predicted, _, derivatives = measurement.derivatives(states, piece.wrenches[taken], theta, chosen)
         residual[:, own] -= predicted[own].T

@@ -122,7 +122,7 @@ def speeds(measurement: Measurement, piece: Piece, coefficients: np.ndarray, the
     """Velocities of the axes with Coulomb friction along a piece, infinite for other axes (M, m)."""
     # Torques are on the clock of the last channels but poses.
     last = len(measurement.equations.channels) - 1
-    (when,) = (when for own, when in clocks(measurement, piece, theta) if own.start <= last < own.stop)
+    (when,) = (when for own, when, _ in clocks(measurement, piece, theta) if own.start <= last < own.stop)
     rates = measurement.motion(piece.spline.evaluate(coefficients, when)[:3]).dq
     return axis_speeds(measurement.equations, rates)
 

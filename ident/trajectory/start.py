@@ -43,12 +43,14 @@ TINY = 1e-12, 1e-9
 """Noise and spread assumed for a constant coordinate."""
 
 
-def _none(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the coordinates and of θ on which no channels depend (0, 0)."""
     return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
 
 
-COORDINATES = cast(Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
+COORDINATES = cast(
+    Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, pose_shifts={}, tracked={}, dependence=_none)
+)
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
 

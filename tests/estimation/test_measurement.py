@@ -11,6 +11,7 @@ from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.prior import conditioned
 from ident.setup import PRIORS
 from ident.tolerances import STRIBECK
 
@@ -107,6 +108,22 @@ def test_derivatives_are_central_differences(seed):
     check_derivatives(m, rng)
 
 
+def test_displaced_joints_act_on_bodies_that_the_prior_makes_likeliest():
+    """As all of φ by its conditional mean, and no channel shows it at the joints of the model."""
+    rng = np.random.default_rng(0)
+    m = random_measurement(rng, 3, (*SCREWS, "revolute"), contacts=0)
+    states, wrenches, theta = random_inputs(rng, m)
+    rank, own = m.equations.parameters.rank, list(m.equations.parameters.kept)
+    phi, _ = conditioned(m.equations.mechanism, m.equations.parameters, theta[:rank], np.zeros((rank, rank)))
+    likeliest = m.beside(theta)
+    likeliest[own] += theta[:rank]
+    np.testing.assert_allclose(likeliest, phi, atol=1e-4 * abs(phi).max())
+    theta[list(m.setup_at)] = 0
+    values, other = m.values(states, wrenches, theta), replace(m)
+    other.__dict__["_unseen"] = tuple(0 * each for each in m._unseen)
+    np.testing.assert_allclose(other.values(states, wrenches, theta), values, atol=1e-9 * abs(values).max())
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_derivatives_of_commands_are_central_differences(seed):
     rng = np.random.default_rng(seed)
@@ -119,7 +136,8 @@ def check_derivatives(m, rng):
     states, wrenches, theta = random_inputs(rng, m, samples=2)
     values, by_states, by_theta = m.derivatives(states, wrenches, theta, np.arange(len(theta)))
     some = rng.permutation(len(theta))[:5]
-    np.testing.assert_array_equal(m.derivatives(states, wrenches, theta, some)[2], by_theta[:, some])
+    of_some = m.derivatives(states, wrenches, theta, some)[2]
+    np.testing.assert_allclose(of_some, by_theta[:, some], rtol=0, atol=1e-13 * abs(by_theta).max())
     np.testing.assert_allclose(values, m.values(states, wrenches, theta), atol=1e-12 * abs(values).max())
     scale, h = abs(values).max(), 1e-6
 

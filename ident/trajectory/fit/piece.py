@@ -1,6 +1,6 @@
 """Piece of a recording in the trajectory estimate: samples, trajectory, and their linearised equations."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.estimation.measurement import Measurement
+from ident.setup import Shift
 from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Spline
@@ -163,10 +164,22 @@ def channel_times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> 
     return when
 
 
-def clocks(
-    measurement: Measurement, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
-) -> list[tuple[slice, np.ndarray]]:
-    """Groups of channels that share a clock, each with the true times of its samples, s (M,); none without channels.
+class Clock(NamedTuple):
+    """Channels that share a clock.
+
+    Attributes:
+        channels: The channels.
+        when: True times of their samples, s (M,).
+        shifts: Shifts of these times by their index in θ, of those that are not zero or are differentiated by.
+    """
+
+    channels: slice
+    when: np.ndarray
+    shifts: Mapping[int, Shift]
+
+
+def clocks(measurement: Measurement, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()) -> list[Clock]:
+    """Clocks of all channels, as few as possible: of a wrench or of commands, of other torques, of poses; perhaps none.
 
     Args:
         measurement: Channels and parameters.
@@ -177,10 +190,23 @@ def clocks(
     number = piece.measured.shape[1]
     if not number:
         return []
-    whole = piece.late is None or piece.late >= number
-    if whole or not (piece.held or any(theta[at] or at in columns for at in measurement.shifts)):
-        return [(slice(0, number), channel_times(measurement, piece, theta))]
-    return [(slice(0, piece.late), channel_times(measurement, piece, theta)), (slice(piece.late, number), piece.when)]
+    torques = min(len(measurement.equations.channels), number)
+    late = torques if piece.late is None else min(piece.late, torques)
+    out, elapsed = list[Clock](), piece.when - piece.origin
+    for end, when, shifts in (
+        (late, piece.acting, measurement.shifts),
+        (torques, piece.when, {}),
+        (number, piece.when, measurement.pose_shifts),
+    ):
+        first = out[-1].channels.stop if out else 0
+        acting = {at: shift for at, shift in shifts.items() if theta[at] or at in columns}
+        for at, shift in acting.items():
+            when = when + theta[at] * shift(elapsed)
+        if out and not acting and when is out[-1].when:
+            out[-1] = out[-1]._replace(channels=slice(out[-1].channels.start, end))
+        elif end > first:
+            out.append(Clock(slice(first, end), when, acting))
+    return out
 
 
 def predicted(
@@ -201,7 +227,10 @@ def predicted(
         of_contacts: True for the contribution of the contacts alone.
     """
     values = measurement.of_contacts if of_contacts else measurement.values
-    parts = [values(motion(when)[:3], piece.wrenches, theta)[own] for own, when in clocks(measurement, piece, theta)]
+    parts = [
+        values(motion(each.when)[:3], piece.wrenches, theta)[each.channels]
+        for each in clocks(measurement, piece, theta)
+    ]
     return np.concatenate(parts).T
 
 

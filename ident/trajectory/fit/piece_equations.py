@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimation.measurement import Measurement
+from ident.estimation.recorded_motion import WIDTH
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
 from ident.trajectory.algebra.groups import Group, channel_groups, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
@@ -59,7 +60,7 @@ def misfit(measurement: Measurement, at: Point) -> Misfit:
     """Misfit of a trajectory and θ to the measured samples."""
     piece, coefficients, theta, noise = at
     states, channels = _states(measurement, at), []
-    for own, when in clocks(measurement, piece, theta):
+    for own, when, _ in clocks(measurement, piece, theta):
         local = piece.at_channels(when).local
         if (nodes := _nodes(measurement, piece, when, noise)) is None:
             predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
@@ -191,9 +192,9 @@ def normal_equations(measurement: Measurement, at: Point, columns: np.ndarray) -
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
-    piece, coefficients, _, noise = at
+    piece, coefficients, theta, noise = at
     channels, states = list(_channel_equations(measurement, at, columns)), _states(measurement, at)
-    of_states, of_theta = dependence(measurement, columns)
+    of_states, of_theta = dependence(measurement, theta, columns)
     zeros = {j: int(np.searchsorted(columns, own)) for j, own in measurement.zeros.items() if own in columns}
     parts = []
     for component in components(of_states, of_theta, zeros, coefficients.shape[1]):
@@ -221,13 +222,16 @@ def _picked(derivatives: np.ndarray, channels: np.ndarray, last: np.ndarray) -> 
     return derivatives if len(last) == derivatives.shape[-1] else derivatives[..., last]
 
 
-def dependence(measurement: Measurement, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def dependence(measurement: Measurement, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
-    of_states, of_theta = measurement.dependence(columns)
+    of_states, of_theta = measurement.dependence(theta, columns)
     of_states[~of_states.any(axis=1), :1] = True
+    first_pose = len(of_theta) - WIDTH * len(measurement.tracked)
     moved = np.asarray(of_states.any(axis=1))
     for entry in measurement.shifts:
-        of_theta[:, columns == entry] |= moved[:, None]
+        of_theta[:first_pose, columns == entry] |= moved[:first_pose, None]
+    for entry in measurement.pose_shifts:
+        of_theta[first_pose:, columns == entry] |= moved[first_pose:, None]
     return of_states, of_theta
 
 
@@ -248,18 +252,18 @@ def _channels(
 def _channel_equations(measurement: Measurement, point: Point, columns: np.ndarray) -> Iterator[ChannelEquations]:
     """Yields the derivatives by coordinates and free θ, and innovations, of the channels on each clock."""
     piece, coefficients, theta, noise = point
-    for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
+    for own, when, shifts in clocks(measurement, piece, theta, columns.tolist()):
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
         x = (at if nodes is None else nodes.sampling).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)
         values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
-        if k == 0:
+        if shifts:
             rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
             elapsed = piece.when - piece.origin
             elapsed = elapsed if nodes is None else _along(nodes.time, when, elapsed)
-            for entry, shift in measurement.shifts.items():
+            for entry, shift in shifts.items():
                 by_theta[..., columns == entry] = (rate * shift(elapsed)[:, None])[..., None]
         if nodes is not None:
             values = nodes.interpolated(values.T).T

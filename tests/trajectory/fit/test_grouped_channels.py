@@ -23,8 +23,8 @@ class Dense:
     def __getattr__(self, name):
         return getattr(self.measurement, name)
 
-    def dependence(self, columns):
-        of_states, of_theta = self.measurement.dependence(columns)
+    def dependence(self, theta, columns):
+        of_states, of_theta = self.measurement.dependence(theta, columns)
         return np.ones_like(of_states), np.ones_like(of_theta)
 
 
@@ -102,7 +102,7 @@ def grouped(monkeypatch, m, at, given):
 def test_channels_do_not_depend_on_what_is_left_out(kinds):
     m, piece, c, theta, _ = problem(3, **kinds)
     x = piece.spline.evaluate(c, piece.when)[:3]
-    of_states, of_theta = m.dependence(np.arange(len(theta)))
+    of_states, of_theta = m.dependence(theta, np.arange(len(theta)))
     values = m.values(x, piece.wrenches, theta)
     for j in range(m.coordinates):
         moved = x.copy()

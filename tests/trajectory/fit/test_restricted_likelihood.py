@@ -1,6 +1,7 @@
 """Updates of the noise against the maximum of the dense restricted likelihood."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ class Linear:
     """One channel `ẍ + w·θ` of one coordinate x, where w is measured at a contact."""
 
     names, smooth = ("a", "b"), False
-    zeros = shifts = {}  # noqa: RUF012
+    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
+    equations = SimpleNamespace(channels=("x",))
 
     def values(self, states, wrenches, theta):
         return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
@@ -35,7 +37,7 @@ class Linear:
         by_states[:, 2] = 1
         return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None, columns]
 
-    def dependence(self, columns):
+    def dependence(self, theta, columns):
         return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
 
 
@@ -44,7 +46,8 @@ class Turned:
 
     names, smooth = ("inertia",), True
     turning = np.zeros((1, 1), bool)
-    zeros = shifts = {}  # noqa: RUF012
+    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
+    equations = SimpleNamespace(channels=("x",))
 
     def values(self, states, wrenches, theta):
         return (theta[0] * states[2, :, 0])[None]
@@ -54,7 +57,7 @@ class Turned:
         by_states[:, 2] = theta[0]
         return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None][:, columns]
 
-    def dependence(self, columns):
+    def dependence(self, theta, columns):
         return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
 
 
