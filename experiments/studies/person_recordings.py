@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import scenes
+from ident.estimation.noise import autoregressive as filtered
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.body import Body
@@ -245,7 +245,7 @@ def autoregressive(rng: np.random.Generator, samples: int, decay: float) -> np.n
     """Noise of variance one, `x_k = ρ x_k-1 + √(1 - ρ²) u_k` with white u (N,)."""
     u = rng.normal(size=samples)
     u[1:] *= np.sqrt(1 - decay**2)
-    return np.asarray(lfilter([1.0], [1.0, -decay], u))
+    return filtered(u, decay)
 
 
 PLATES = {"left": (0.0, 0.25, 0.0), "right": (0.0, -0.25, 0.0)}
