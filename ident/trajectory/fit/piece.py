@@ -164,7 +164,7 @@ def channel_times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> 
     return when
 
 
-class Clock(NamedTuple):
+class ChannelClock(NamedTuple):
     """Channels that share a clock.
 
     Attributes:
@@ -178,7 +178,9 @@ class Clock(NamedTuple):
     shifts: Mapping[int, Shift]
 
 
-def clocks(measurement: Measurement, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()) -> list[Clock]:
+def clocks(
+    measurement: Measurement, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
+) -> list[ChannelClock]:
     """Clocks of all channels, as few as possible: of a wrench or of commands, of other torques, of poses; perhaps none.
 
     Args:
@@ -192,7 +194,7 @@ def clocks(measurement: Measurement, piece: Piece, theta: np.ndarray, columns: C
         return []
     torques = min(len(measurement.equations.channels), number)
     late = torques if piece.late is None else min(piece.late, torques)
-    out, elapsed = list[Clock](), piece.when - piece.origin
+    out, elapsed = list[ChannelClock](), piece.when - piece.origin
     for end, when, shifts in (
         (late, piece.acting, measurement.shifts),
         (torques, piece.when, {}),
@@ -205,7 +207,7 @@ def clocks(measurement: Measurement, piece: Piece, theta: np.ndarray, columns: C
         if out and not acting and when is out[-1].when:
             out[-1] = out[-1]._replace(channels=slice(out[-1].channels.start, end))
         elif end > first:
-            out.append(Clock(slice(first, end), when, acting))
+            out.append(ChannelClock(slice(first, end), when, acting))
     return out
 
 
