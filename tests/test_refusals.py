@@ -370,7 +370,10 @@ WRONG_DEVIATIONS = [
     ({"weight": 0.1}, "has no entry 'weight'; valid are mass, center, inertia"),
     *((x, f"{NAMED}, out of mass, center, inertia; got") for x in ("mass", 3, ["mass"])),
 ]
-OF_DRIVES, OF_OWN = "^drive needs a list out of rotor, .*; got", "^own needs a list out of offset, .*, delay, lag; got"
+OF_DRIVES, OF_OWN = (
+    "^drive needs a list out of rotor, .*; got",
+    "^own needs a list out of .*, lag, tracker_delay; got",
+)
 WRONG_ARGUMENTS = [
     *(({"known": known}, f"^known.?{message}") for known, message in WRONG_DEVIATIONS),
     ({"setup": {"late": 0.1}}, "^setup has no entry 'late'; valid are delay, lag, clock, origin"),
