@@ -312,6 +312,7 @@ _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",
     r"_(simplified|full|joint|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
     "^paper_": "paper's ",
+    r"^(condition_number|rank|rows|epsilon|largest_error)_(?!of_)": r"\1, ",
     r"(?<![^_ ])std(?![^_, ])": "s.d.",
     r"(?<![^_])rms(?![^_, ])": "RMS",
     "_wrench_noise$": " (wrench noise)",

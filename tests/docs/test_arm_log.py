@@ -1,5 +1,6 @@
 """The log of README's example: it is the one that is simulated, and its estimate is usable and right."""
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -59,3 +60,10 @@ def test_the_load_is_in_the_updated_tool():
     assert masses["tool"] == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
     for name, mass in zip(arm.bodies[:-1], arm.known[::10], strict=False):
         assert masses[name] == pytest.approx(mass, rel=0.05)
+
+
+def test_readme_has_the_interval_of_the_tools_mass():
+    mass = example()[1].consistent().intervals[-1][0]
+    text = (SCENES.parent / "README.md").read_text(encoding="utf-8")
+    low, high = re.search(r"the tool has ([\d.]+) to ([\d.]+) kg", text).groups()
+    assert (float(low), float(high)) == pytest.approx(tuple(mass), abs=0.0051)

@@ -86,6 +86,7 @@ def test_pages_load_nothing_from_elsewhere(site):
         assert [target for target in wanted if re.match(r"(\w+:)?//", target)] == [], page
         folder = site if page.name == "404.html" else page.parent
         assert [x for x in wanted if not (folder / re.split("[?#]", x)[0].lstrip("/")).exists()] == [], page
+    assert [*site.rglob("*.py*")] == [], "scripts and their caches are no pages"
     for style in site.rglob("*.css"):
         text = style.read_text(encoding="utf-8")
         assert not re.search(r"""(?:url\(|@import)\s*["']?(?:https?:)?//""", text), style

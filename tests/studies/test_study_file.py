@@ -205,7 +205,9 @@ def test_a_study_file_states_a_sweep(tmp_path, capsys):
     own.write_text(SWEEP, encoding="utf-8")
     assert study.main([str(own), "--formats", "none", "--out", str(out)]) == 0
     sentence = "noise_scale 2000.0, seed 0: The noise scale must be from 0 to 1000, got 2000.0."
-    assert f"Refused: {sentence}\n" in capsys.readouterr().err and (out / "summary.json").exists()
+    printed = capsys.readouterr()
+    assert f"Refused: {sentence}\n" in printed.err and "\ncondition number, one " in printed.out
+    assert (out / "summary.json").exists()
     results = json.loads((out / "sweep.json").read_text())["runs"]
     assert [(run["noise_scale"], run["seed"]) for run in results] == [(x, s) for s in (0, 1) for x in (0, 1, 2000)]
     assert results[2] == {"noise_scale": 2000, "seed": 0, "refused": sentence}
