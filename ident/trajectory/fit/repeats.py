@@ -10,7 +10,7 @@ instead of n σ²: n periods tell little more than one. Recordings of the same m
 them in a row.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,7 @@ from scipy import fft
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.piece import Piece, residual
-from ident.trajectory.fit.response import Response
+from ident.trajectory.fit.piece import Piece, Point, residual, residual_of_coordinates
 
 SAME, OTHER = 0.01, 0.25
 """D of every joint below which a motion repeats, its noise aside, and mean D that it has between, so that a period is
@@ -75,36 +74,32 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
     return out
 
 
-def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[list[np.ndarray]]:
-    """Repetition of every recording's streams, as `repetition` has it, (s,) each.
-
-    Args:
-        fit: The fit.
-        responses: Linear responses of some of its pieces, by index.
-    """
-    out = dict[int, list[np.ndarray]]()
+def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[tuple[RepeatedMotion, np.ndarray]]:
+    """Motions of a fit, and the repetition of its coordinates and channels, as `repetition` has it (n + C,)."""
+    out = list[tuple[RepeatedMotion, np.ndarray]]()
     for each in trials(fit):
-        own = {k: here.streams for k, here in responses.items() if fit.pieces[k].log in each.starts}
-        starts = [each.starts[fit.pieces[k].log] for k in own]
-        factors = []
-        for streams in zip(*own.values(), strict=True):
-            times = [x.time + start for x, start in zip(streams, starts, strict=True)]
-            left = [np.where(x.clear, x.residual / x.std, np.nan) for x in streams]
-            factors.append(repetition(times, left, each.lag))
-        out |= dict.fromkeys(each.starts, factors)
-    return [out[log] for log in range(len(fit.noises))]
+        factors = np.ones(len(fit.coordinate_noise) + len(fit.channel_noise))
+        if each.lag < np.inf:
+            # Of all pieces: some of them have few partners one period later, or none.
+            own = [(point, each.starts[point.piece.log]) for point in fit.points if point.piece.log in each.starts]
+            times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
+            states = [residual_of_coordinates(measurement, at) / at.noise.states for at, _ in own]
+            channels = [_clear(measurement, at) for at, _ in own]
+            factors = np.concatenate([repetition(times, states, each.lag), repetition(when, channels, each.lag)])
+        out.append((each, factors))
+    return out
+
+
+def _clear(measurement: Measurement, at: Point) -> np.ndarray:
+    """Residuals of the channels over their noise, NaN where more than noise is expected (M, C)."""
+    left = residual(measurement, at) / at.noise.channels
+    return left if at.piece.slack is None else np.where(at.piece.slack < at.noise.channels, left, np.nan)
 
 
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
-    out = list[RepeatedMotion]()
-    for each in (own for own in trials(fit) if own.lag < np.inf):
-        own = [point for point in fit.points if point.piece.log in each.starts]
-        times = [point.piece.when + each.starts[point.piece.log] for point in own]
-        left = [residual(measurement, point) / point.noise.channels for point in own]
-        if np.median(repetition(times, left, each.lag)) > REPEATED:
-            out.append(each)
-    return out
+    number = len(fit.channel_noise)
+    return [own for own, each in repetitions(measurement, fit) if np.median(each[-number:]) > REPEATED]
 
 
 def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:

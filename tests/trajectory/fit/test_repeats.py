@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import ident
+from ident.trajectory.fit import noise_colours
 from ident.trajectory.fit.repeats import lateness, period, repetition, trials
+from ident.trajectory.fit.sandwich import with_scatter
 
 PERIOD = 1 / 0.15
 """Period of the arm's sums of sinusoids, s."""
@@ -173,6 +175,14 @@ def test_three_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explaine
     )
     assert (0.9 < ratio < 1.1) if size else (0.5 < ratio < 0.65)
     assert [each.values["logs"] for each in three.findings if each.code == "logs_repeat"] == [(1, 2, 3)] * bool(size)
+
+
+def test_what_repeats_is_counted_in_all_pieces(monkeypatch):
+    """Also if the noise is estimated from a third of them, of which none is a period after another."""
+    joint = estimated(5, 0.02).trajectory
+    monkeypatch.setattr(noise_colours, "ENOUGH", 500)
+    some = with_scatter(joint.measurement, joint.fit).covariance
+    assert np.median(np.diag(some)[:9] / np.diag(joint.fit.covariance)[:9]) > 0.8
 
 
 @pytest.mark.parametrize(("size", "heavier", "taken"), [(0.0, 1.0, False), (0.02, 1.0, True), (0.02, 2.5, False)])
