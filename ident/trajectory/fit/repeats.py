@@ -139,7 +139,10 @@ def lateness(first: Sequence[Piece], other: Sequence[Piece], noise: np.ndarray, 
 
 
 def _differences(times: Sequence[np.ndarray], pieces: Sequence[Piece], noise: np.ndarray) -> tuple[float, np.ndarray]:
-    """Step of lags, s, and D of the joints that move by lag (N, k), infinite where too few samples have a partner."""
+    """Step of lags, s, and D of the joints that move by lag (N, k).
+
+    It is infinite where too few samples have a partner, or where all joints rest in those that have one.
+    """
     step, x = on_grid(times, [piece.states for piece in pieces])
     there = np.isfinite(x)
     number = np.maximum(there.sum(axis=0), 1)
@@ -148,9 +151,12 @@ def _differences(times: Sequence[np.ndarray], pieces: Sequence[Piece], noise: np
     moves = noise**2 < RESTS * spread
     if not moves.any():
         return step, np.full((len(x), 1), np.inf)
-    pairs, products, squares = of_pairs(x[:, moves])
-    D = (squares - products) / (spread[moves] * np.maximum(pairs, 1)) - noise[moves] ** 2 / spread[moves]
-    return step, np.where(pairs > FEWEST * number[moves], D, np.inf)
+    number, spread, least = number[moves], spread[moves], noise[moves] ** 2
+    pairs, products, squares, sums = of_pairs(x[:, moves])
+    mean, square = (each / np.maximum(pairs, 1) for each in (sums, squares))
+    D = (square - products / np.maximum(pairs, 1) - least) / spread
+    live = ((square - mean**2) / spread).max(axis=1, keepdims=True) > OTHER
+    return step, np.where((pairs > FEWEST * number) & live, D, np.inf)
 
 
 def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
@@ -166,11 +172,12 @@ def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[
 
 
 def of_pairs(x: np.ndarray) -> np.ndarray:
-    """Number of pairs of samples k apart, and sums of their products and of their mean squares (3, N, c)."""
+    """Number of pairs of samples k apart, and sums of their products, mean squares and means (4, N, c)."""
     there, size = np.isfinite(x), fft.next_fast_len(2 * len(x), real=True)
     number, values = there.astype(float), np.where(there, x, 0.0)
     a, b, c = (fft.rfft(signal, size, axis=0) for signal in (number, values, values**2))
-    sums = [fft.irfft(each, size, axis=0) for each in (abs(a) ** 2, abs(b) ** 2, (c * a.conj()).real)]
+    spectra = abs(a) ** 2, abs(b) ** 2, (c * a.conj()).real, (b * a.conj()).real
+    sums = [fft.irfft(each, size, axis=0) for each in spectra]
     return np.array(sums)[:, : len(x)]
 
 

@@ -111,6 +111,14 @@ def test_other_motions_are_no_trials_of_one(rng):
     assert [each.starts for each in trials(fit_of(one, other))] == [{0: 0.0}, {1: 0.0}]
 
 
+def test_logs_that_share_a_long_rest_alone_are_no_trials_of_one(rng):
+    moves = [motion(rng, 4.0, *ratios).states for ratios in ((1, 2**0.5, 5**0.5), (1.1, 1.9, 2.3))]
+    rest, start = np.zeros((600, 3)), np.sin(np.linspace(0, np.pi, len(moves[0])))[:, None] ** 2
+    one, other = np.vstack([rest, start * moves[0]]), np.vstack([start * moves[1], rest])
+    logs = [SimpleNamespace(time=np.arange(len(x)) / 100, states=x) for x in (one, other)]
+    assert lateness(logs[:1], logs[1:], np.zeros(3), 10.0) == np.inf
+
+
 def test_trials_of_two_motions(rng):
     a, b = motion(rng, 10.0, 1, 2**0.5, 5**0.5), motion(rng, 10.0, 1.1, 1.9, 2.3)
     assert [list(each.starts) for each in trials(fit_of(a, b, a, b, a))] == [[0, 2, 4], [1, 3]]
