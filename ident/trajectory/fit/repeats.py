@@ -30,8 +30,9 @@ RESTS = 0.1
 FEWEST = 0.25
 """Least share of the samples that have a partner one period later."""
 
-REPEATED = 2.0
-"""Median variance of sums of residuals, over that of independent periods, above which their errors are repeated."""
+REPEATED = 1.5
+"""Median variance of sums of residuals, over that of independent periods, above which their errors are repeated: of two
+periods, which have at most 2, with a correlation of a half."""
 
 MOST = 1_000_000
 """Largest number of equal steps that a recording takes, with its pauses; a longer one takes longer steps."""

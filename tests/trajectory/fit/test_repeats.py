@@ -175,14 +175,14 @@ def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least
     assert least < np.median(many / few) < most
 
 
-@pytest.mark.parametrize("size", [0.0, 0.02])
-def test_three_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size):
-    one, three = estimated(1.5, size), estimated(1.5, size, logs=3)
-    ratio = np.median(
-        np.diag(three.trajectory.fit.covariance)[:9] ** 0.5 / np.diag(one.trajectory.fit.covariance)[:9] ** 0.5
-    )
+@pytest.mark.parametrize(("size", "logs"), [(0.0, 3), (0.02, 3), (0.02, 2)])
+def test_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size, logs):
+    few, many = (estimated(1.5, size, logs=number) for number in (1, logs))
+    few_std, many_std = (np.diag(each.trajectory.fit.covariance)[:9] ** 0.5 for each in (few, many))
+    ratio = np.median(many_std / few_std)
     assert (0.9 < ratio < 1.1) if size else (0.5 < ratio < 0.65)
-    assert [each.values["logs"] for each in three.findings if each.code == "logs_repeat"] == [(1, 2, 3)] * bool(size)
+    expected = [tuple(range(1, logs + 1))] * bool(size)
+    assert [each.values["logs"] for each in many.findings if each.code == "logs_repeat"] == expected
 
 
 def test_what_repeats_is_counted_in_all_pieces(monkeypatch):
