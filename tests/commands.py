@@ -1,4 +1,4 @@
-"""How commands and calls refuse bad input."""
+"""Refusals of bad input by commands and calls."""
 
 import pytest
 

@@ -66,8 +66,9 @@ def unseen(equations: Equations) -> tuple[np.ndarray, np.ndarray]:
     """
     mechanism, parameters = equations.mechanism, equations.parameters
     dependent, shape = list(parameters.dependent), (len(parameters.dependent), parameters.rank)
-    if mechanism.prior is None or not (mechanism.prior[::10] > 0).any():
-        return np.zeros(shape[0]), np.zeros(shape)
+    prior = np.zeros(len(parameters.parameters)) if mechanism.prior is None else mechanism.prior
+    if not (prior[::10] > 0).any():
+        return prior[dependent], np.zeros(shape)
     covariance = known_covariance(mechanism, parameters, absorbed=equations.absorbed)
     of_bodies = known_roots(mechanism).reshape(-1, 10, 10)
     across = np.einsum("bkp,bkr->bpr", of_bodies, known_rows(mechanism, parameters).reshape(-1, 10, parameters.rank))
@@ -75,7 +76,7 @@ def unseen(equations: Equations) -> tuple[np.ndarray, np.ndarray]:
     changes = np.linalg.solve(
         covariance / np.outer(scale, scale), across.reshape(-1, len(scale))[dependent].T / scale[:, None]
     )
-    return mechanism.prior[dependent], changes.T / scale
+    return prior[dependent], changes.T / scale
 
 
 def drive_torques(

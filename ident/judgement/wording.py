@@ -203,7 +203,7 @@ def pose_noise(position: float, orientation: float, times: float, **_: Any) -> s
         return noise
     return (
         f"{noise}, up to {times:.0f} times what they have from sample to sample. Check the body, the units and order "
-        "of columns, and whether the tracker lags behind the joint angles"
+        "of columns, and whether the tracker is late by another time in each log (--own tracker_delay)"
     )
 
 

@@ -197,8 +197,9 @@ def test_the_model_as_it_came_predicts_with_its_drives_and_the_estimate_is_the_s
     drive = ("viscous", "coulomb", "rotor")
     arms = arm, replace(arm, drives={})
     driven, bare = (ident.identify(each, recording, estimator=estimator, drive=drive) for each in arms)
-    np.testing.assert_allclose(driven.fit.values, bare.fit.values, rtol=1e-10)
-    np.testing.assert_allclose(driven.held_out.residual, bare.held_out.residual, atol=1e-12)
+    # To rounding: what no channel shows of the bodies depends on the drives that the model states.
+    np.testing.assert_allclose(driven.fit.values, bare.fit.values, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(driven.held_out.residual, bare.held_out.residual, rtol=1e-9, atol=1e-12)
     # Near its reversals MuJoCo's friction follows the acceleration.
     assert (driven.rivals["model"] < [0.01, 0.15]).all()
     assert (driven.rivals["model"] < 0.2 * bare.rivals["model"]).all()

@@ -240,3 +240,12 @@ def residual(measurement: Measurement, at: Point) -> np.ndarray:
     """Measured less predicted channels of a piece (M, C)."""
     piece, coefficients, theta, _ = at
     return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
+
+
+def residual_of_coordinates(measurement: Measurement, at: Point) -> np.ndarray:
+    """Measured less predicted coordinates of a piece, their zeros included (N, n)."""
+    piece, coefficients, theta, _ = at
+    predicted = piece.at_coordinates.local.combined(coefficients)[0]
+    for j, zero in measurement.zeros.items():
+        predicted[:, j] += theta[zero]
+    return piece.states - predicted

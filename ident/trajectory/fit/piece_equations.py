@@ -14,7 +14,7 @@ from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import ORDER, Local, Spline
 from ident.trajectory.algebra.whitening import Innovations, innovations
-from ident.trajectory.fit.piece import Noise, Piece, Point, clocks
+from ident.trajectory.fit.piece import Noise, Piece, Point, clocks, residual_of_coordinates
 
 
 class Misfit(NamedTuple):
@@ -290,12 +290,8 @@ def _along(time: np.ndarray, true: np.ndarray, elapsed: np.ndarray) -> np.ndarra
 
 def _states(measurement: Measurement, point: Point) -> Innovations:
     """Innovations of measured coordinates."""
-    piece, coefficients, theta, noise = point
-    local = piece.at_coordinates.local
-    predicted = local.combined(coefficients)[0]
-    for j, at in measurement.zeros.items():
-        predicted[:, j] += theta[at]
-    return innovations(piece.states - predicted, local.interval, noise.states, noise.states_rho)
+    interval, noise = point.piece.at_coordinates.local.interval, point.noise
+    return innovations(residual_of_coordinates(measurement, point), interval, noise.states, noise.states_rho)
 
 
 def _state_rows(piece: Piece, new: Innovations, component: Group, zeros: Mapping[int, int]) -> StateRows:

@@ -10,7 +10,7 @@ instead of n σ²: n periods tell little more than one. Recordings of the same m
 them in a row.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,7 @@ from scipy import fft
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.piece import Piece, residual
-from ident.trajectory.fit.response import Response
+from ident.trajectory.fit.piece import Piece, Point, residual, residual_of_coordinates
 
 SAME, OTHER = 0.01, 0.25
 """D of every joint below which a motion repeats, its noise aside, and mean D that it has between, so that a period is
@@ -31,8 +30,9 @@ RESTS = 0.1
 FEWEST = 0.25
 """Least share of the samples that have a partner one period later."""
 
-REPEATED = 2.0
-"""Median variance of sums of residuals, over that of independent periods, above which their errors are repeated."""
+REPEATED = 1.5
+"""Median variance of sums of residuals, over that of independent periods, above which their errors are repeated: of two
+periods, which have at most 2, with a correlation of a half."""
 
 MOST = 1_000_000
 """Largest number of equal steps that a recording takes, with its pauses; a longer one takes longer steps."""
@@ -75,36 +75,32 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
     return out
 
 
-def repetitions(fit: TrajectoryFit, responses: Mapping[int, Response]) -> list[list[np.ndarray]]:
-    """Repetition of every recording's streams, as `repetition` has it, (s,) each.
-
-    Args:
-        fit: The fit.
-        responses: Linear responses of some of its pieces, by index.
-    """
-    out = dict[int, list[np.ndarray]]()
+def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[tuple[RepeatedMotion, np.ndarray]]:
+    """Motions of a fit, and the repetition of its coordinates and channels, as `repetition` has it (n + C,)."""
+    out = list[tuple[RepeatedMotion, np.ndarray]]()
     for each in trials(fit):
-        own = {k: here.streams for k, here in responses.items() if fit.pieces[k].log in each.starts}
-        starts = [each.starts[fit.pieces[k].log] for k in own]
-        factors = []
-        for streams in zip(*own.values(), strict=True):
-            times = [x.time + start for x, start in zip(streams, starts, strict=True)]
-            left = [np.where(x.clear, x.residual / x.std, np.nan) for x in streams]
-            factors.append(repetition(times, left, each.lag))
-        out |= dict.fromkeys(each.starts, factors)
-    return [out[log] for log in range(len(fit.noises))]
+        factors = np.ones(len(fit.coordinate_noise) + len(fit.channel_noise))
+        if each.lag < np.inf:
+            # Of all pieces: some of them have few partners one period later, or none.
+            own = [(point, each.starts[point.piece.log]) for point in fit.points if point.piece.log in each.starts]
+            times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
+            states = [residual_of_coordinates(measurement, at) / at.noise.states for at, _ in own]
+            channels = [_clear(measurement, at) for at, _ in own]
+            factors = np.concatenate([repetition(times, states, each.lag), repetition(when, channels, each.lag)])
+        out.append((each, factors))
+    return out
+
+
+def _clear(measurement: Measurement, at: Point) -> np.ndarray:
+    """Residuals of the channels over their noise, NaN where more than noise is expected (M, C)."""
+    left = residual(measurement, at) / at.noise.channels
+    return left if at.piece.slack is None else np.where(at.piece.slack < at.noise.channels, left, np.nan)
 
 
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
-    out = list[RepeatedMotion]()
-    for each in (own for own in trials(fit) if own.lag < np.inf):
-        own = [point for point in fit.points if point.piece.log in each.starts]
-        times = [point.piece.when + each.starts[point.piece.log] for point in own]
-        left = [residual(measurement, point) / point.noise.channels for point in own]
-        if np.median(repetition(times, left, each.lag)) > REPEATED:
-            out.append(each)
-    return out
+    number = len(fit.channel_noise)
+    return [own for own, each in repetitions(measurement, fit) if np.median(each[-number:]) > REPEATED]
 
 
 def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
@@ -144,7 +140,10 @@ def lateness(first: Sequence[Piece], other: Sequence[Piece], noise: np.ndarray, 
 
 
 def _differences(times: Sequence[np.ndarray], pieces: Sequence[Piece], noise: np.ndarray) -> tuple[float, np.ndarray]:
-    """Step of lags, s, and D of the joints that move by lag (N, k), infinite where too few samples have a partner."""
+    """Step of lags, s, and D of the joints that move by lag (N, k).
+
+    It is infinite where too few samples have a partner, or where all joints rest in those that have one.
+    """
     step, x = on_grid(times, [piece.states for piece in pieces])
     there = np.isfinite(x)
     number = np.maximum(there.sum(axis=0), 1)
@@ -153,9 +152,12 @@ def _differences(times: Sequence[np.ndarray], pieces: Sequence[Piece], noise: np
     moves = noise**2 < RESTS * spread
     if not moves.any():
         return step, np.full((len(x), 1), np.inf)
-    pairs, products, squares = of_pairs(x[:, moves])
-    D = (squares - products) / (spread[moves] * np.maximum(pairs, 1)) - noise[moves] ** 2 / spread[moves]
-    return step, np.where(pairs > FEWEST * number[moves], D, np.inf)
+    number, spread, least = number[moves], spread[moves], noise[moves] ** 2
+    pairs, products, squares, sums = of_pairs(x[:, moves])
+    mean, square = (each / np.maximum(pairs, 1) for each in (sums, squares))
+    D = (square - products / np.maximum(pairs, 1) - least) / spread
+    live = ((square - mean**2) / spread).max(axis=1, keepdims=True) > OTHER
+    return step, np.where((pairs > FEWEST * number) & live, D, np.inf)
 
 
 def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
@@ -171,11 +173,12 @@ def on_grid(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[
 
 
 def of_pairs(x: np.ndarray) -> np.ndarray:
-    """Number of pairs of samples k apart, and sums of their products and of their mean squares (3, N, c)."""
+    """Number of pairs of samples k apart, and sums of their products, mean squares and means (4, N, c)."""
     there, size = np.isfinite(x), fft.next_fast_len(2 * len(x), real=True)
     number, values = there.astype(float), np.where(there, x, 0.0)
     a, b, c = (fft.rfft(signal, size, axis=0) for signal in (number, values, values**2))
-    sums = [fft.irfft(each, size, axis=0) for each in (abs(a) ** 2, abs(b) ** 2, (c * a.conj()).real)]
+    spectra = abs(a) ** 2, abs(b) ** 2, (c * a.conj()).real, (b * a.conj()).real
+    sums = [fft.irfft(each, size, axis=0) for each in spectra]
     return np.array(sums)[:, : len(x)]
 
 

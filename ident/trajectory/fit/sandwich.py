@@ -34,15 +34,18 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
             others by numbers of samples.
     """
     responses = some_responses(measurement, fit)
-    colours, repeated, scatters, tails = noise_colours(fit, responses), repetitions(fit, responses), [], _Tails()
+    colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
+    repeated = {log: factors for each, factors in repetitions(measurement, fit) for log in each.starts}
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
+        ends = np.cumsum([len(stream.std) for stream in here.streams])
+        factors = np.split(repeated[fit.pieces[k].log], ends[:-1])
         for which, stream in enumerate(here.streams):
-            variances = repeated[fit.pieces[k].log][which] * stream.std**2
+            variances = factors[which] * stream.std**2
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import ident
+from ident.trajectory.fit import noise_colours
 from ident.trajectory.fit.repeats import lateness, period, repetition, trials
+from ident.trajectory.fit.sandwich import with_scatter
 
 PERIOD = 1 / 0.15
 """Period of the arm's sums of sinusoids, s."""
@@ -109,6 +111,14 @@ def test_other_motions_are_no_trials_of_one(rng):
     assert [each.starts for each in trials(fit_of(one, other))] == [{0: 0.0}, {1: 0.0}]
 
 
+def test_logs_that_share_a_long_rest_alone_are_no_trials_of_one(rng):
+    moves = [motion(rng, 4.0, *ratios).states for ratios in ((1, 2**0.5, 5**0.5), (1.1, 1.9, 2.3))]
+    rest, start = np.zeros((600, 3)), np.sin(np.linspace(0, np.pi, len(moves[0])))[:, None] ** 2
+    one, other = np.vstack([rest, start * moves[0]]), np.vstack([start * moves[1], rest])
+    logs = [SimpleNamespace(time=np.arange(len(x)) / 100, states=x) for x in (one, other)]
+    assert lateness(logs[:1], logs[1:], np.zeros(3), 10.0) == np.inf
+
+
 def test_trials_of_two_motions(rng):
     a, b = motion(rng, 10.0, 1, 2**0.5, 5**0.5), motion(rng, 10.0, 1.1, 1.9, 2.3)
     assert [list(each.starts) for each in trials(fit_of(a, b, a, b, a))] == [[0, 2, 4], [1, 3]]
@@ -165,14 +175,22 @@ def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, least
     assert least < np.median(many / few) < most
 
 
-@pytest.mark.parametrize("size", [0.0, 0.02])
-def test_three_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size):
-    one, three = estimated(1.5, size), estimated(1.5, size, logs=3)
-    ratio = np.median(
-        np.diag(three.trajectory.fit.covariance)[:9] ** 0.5 / np.diag(one.trajectory.fit.covariance)[:9] ** 0.5
-    )
+@pytest.mark.parametrize(("size", "logs"), [(0.0, 3), (0.02, 3), (0.02, 2)])
+def test_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size, logs):
+    few, many = (estimated(1.5, size, logs=number) for number in (1, logs))
+    few_std, many_std = (np.diag(each.trajectory.fit.covariance)[:9] ** 0.5 for each in (few, many))
+    ratio = np.median(many_std / few_std)
     assert (0.9 < ratio < 1.1) if size else (0.5 < ratio < 0.65)
-    assert [each.values["logs"] for each in three.findings if each.code == "logs_repeat"] == [(1, 2, 3)] * bool(size)
+    expected = [tuple(range(1, logs + 1))] * bool(size)
+    assert [each.values["logs"] for each in many.findings if each.code == "logs_repeat"] == expected
+
+
+def test_what_repeats_is_counted_in_all_pieces(monkeypatch):
+    """Also if the noise is estimated from a third of them, of which none is a period after another."""
+    joint = estimated(5, 0.02).trajectory
+    monkeypatch.setattr(noise_colours, "ENOUGH", 500)
+    some = with_scatter(joint.measurement, joint.fit).covariance
+    assert np.median(np.diag(some)[:9] / np.diag(joint.fit.covariance)[:9]) > 0.8
 
 
 @pytest.mark.parametrize(("size", "heavier", "taken"), [(0.0, 1.0, False), (0.02, 1.0, True), (0.02, 2.5, False)])

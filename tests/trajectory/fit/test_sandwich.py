@@ -51,7 +51,8 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
-    monkeypatch.setattr(sandwich, "repetitions", lambda fit, responses: [[np.array([3.0])]])
+    own = SimpleNamespace(starts={0: 0.0})
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: [(own, np.array([3.0]))])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
