@@ -161,7 +161,7 @@ def test_what_cannot_be_a_payload_is_refused():
     for robot, recording, given, error, message in (
         (arm(), log, {"body": "hand"}, ident.InputError, "no body 'hand'"),
         (arm(), log, {"sensor": "foot"}, ident.LogError, "needs the wrench 'foot', its wrenches are 'wrist'"),
-        (arm(beyond=finger), log, {}, ident.InputError, "grip are beyond the sensor; hold them"),
+        (arm(beyond=finger), log, {}, ident.InputError, r"hold them where they stand \(--fix grip\)"),
         (arm(), still, {}, ident.ExcitationError, "keeps its direction to gravity"),
         (arm(), [], {}, ident.InputError, "at least one recording"),
         (arm(), replace(log, base=swaying(log)), {}, ident.InputError, "moving base"),

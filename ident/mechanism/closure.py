@@ -39,7 +39,6 @@ SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
 one in which bodies are aligned."""
 
-
 NEAR = 0.06
 """Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
 
@@ -256,15 +255,10 @@ class Closure:
 
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
-        if not x.shape[1]:
-            return np.zeros(len(x)), np.zeros(len(x), int)
-        distance, nearest = self._places.query(x * self._scale)
+        # A column of zeros leaves something to compare where nothing is independent.
+        places = [np.pad(y * self._scale, ((0, 0), (0, 1))) for y in (self.anchors[:, self._coordinates[0]], x)]
+        distance, nearest = cKDTree(places[0]).query(places[1])
         return distance, nearest
-
-    @cached_property
-    def _places(self) -> cKDTree:
-        """The anchors' independent coordinates, to search among."""
-        return cKDTree(self.anchors[:, self._coordinates[0]] * self._scale)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, iterations: int) -> np.ndarray:
         for _ in range(iterations):
@@ -285,10 +279,11 @@ class Closure:
 
     def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
         apart, least = self._defects(q)
-        is_open, singular = apart > OPEN, beyond | (least < SINGULAR)
-        if not (is_open.any() or singular.any()):
+        is_open = apart > OPEN
+        refused = is_open if is_open.any() else beyond | (least < SINGULAR)
+        if not refused.any():
             return
-        k = int((is_open if is_open.any() else singular).argmax())
+        k = int(refused.argmax())
         when, joints = "in the model's posture" if time is None else f"at {time[k]:.6g} s", ", ".join(self.independent)
         if is_open[k]:
             names = ", ".join(f"'{each.name}'" for each in self.constraints)
@@ -346,10 +341,9 @@ def _by_freedoms(tree: "Tree", at: BodyKinematics, residual: np.ndarray, by_body
     """Derivatives by the velocities of a tree (…, m, n), from those by the rates of its bodies' joints (…, m, f)."""
     nothing = 0.0 * residual[..., None]
     own = [by_body.get(i, np.repeat(nothing, body.freedoms, -1)) for i, body in enumerate(tree.bodies)]
-    leads = {body.joint: i for i, body in enumerate(tree.bodies)}
-    for i in tree.followers:
-        if (lead := tree.bodies[i].follows) is not None and i in by_body:
-            k = leads[lead.joint]
+    for i in set(tree.followers) & set(by_body):
+        if (lead := tree.bodies[i].follows) is not None:
+            k = next(k for k, body in enumerate(tree.bodies) if body.joint == lead.joint)
             own[k] = own[k] + lead.slope(at.states[k][0])[..., None] * own[i]
     return np.concatenate([nothing[..., :0], *(own[i] for i in tree.moving)], axis=-1)
 

@@ -129,12 +129,11 @@ def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> BodyKinema
     still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
     at.states.extend(tree.body_states(q, still if dq is None else dq, still))
     for body, (x, dx, ddx) in zip(tree.bodies, at.states, strict=True):
-        on_base = body.parent == BASE
-        T = body.home @ body.joint_pose(x)
-        T = T if on_base else at.poses[body.parent] @ T
+        T, V, A = body.home @ body.joint_pose(x), np.zeros(6), np.zeros(6)
+        if body.parent != BASE:
+            T, V, A = at.poses[body.parent] @ T, at.twists[body.parent], at.rates[body.parent]
         S = Ad(T) @ body.motions
-        own, V = applied(S, dx), np.zeros(6) if on_base else at.twists[body.parent]
-        A = np.zeros(6) if on_base else at.rates[body.parent]
+        own = applied(S, dx)
         at.poses.append(T)
         at.screws.append(S)
         at.twists.append(V + own)
@@ -146,11 +145,7 @@ def members_of(tree: "Tree", rows: Collection[Constraint]) -> set[int]:
     """Indices of the bodies through which the loops of constraints go."""
     members = set[int]()
     for each in rows:
-        chains = [tree.chain(tree.names.index(name) if name in tree.names else BASE) for name in each.bodies]
-        common = set.intersection(*map(set, chains)) if isinstance(each, Coincidence) else set()
-        members |= set().union(*map(set, chains)) - common if isinstance(each, Coincidence) else {c[-1] for c in chains}
-    leads = {body.joint: i for i, body in enumerate(tree.bodies) if body.joint}
-    for i in tuple(members):
-        if (lead := tree.bodies[i].follows) is not None:
-            members.add(leads[lead.joint])
-    return members
+        ends = [tree.names.index(name) if name in tree.names else BASE for name in each.bodies]
+        members |= set(tree.chain(ends[0])) ^ set(tree.chain(ends[1])) if isinstance(each, Coincidence) else set(ends)
+    leads = {lead.joint for i in members if (lead := tree.bodies[i].follows)}
+    return members | {i for i, body in enumerate(tree.bodies) if body.joint in leads}

@@ -156,10 +156,10 @@ class Constraints:
         """
         rows = list[Constraint]()
         for row in self.rows:
-            inside = [name in tree.names for name in row.bodies]
-            if any(inside) and not all(inside):
+            inside = {name in tree.names for name in row.bodies}
+            if len(inside) == 2:
                 raise ModelError(f"The constraint '{row.name}' is between a body of this part and one outside it.")
-            if inside and all(inside) and any(tree.bodies[i].moves for i in members_of(tree, [row])):
+            if inside == {True} and any(tree.bodies[i].moves for i in members_of(tree, [row])):
                 rows.append(row)
         return replace(self, rows=tuple(rows))
 

@@ -270,8 +270,8 @@ def identify_payload(
     part = part.closed([joint for joint in part.tree.joints if f"{joint}_position" not in logged])
     if part.tree.joints:
         raise InputError(
-            f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "
-            "(--fix)."
+            "A payload is rigid, but there are joints beyond the sensor; hold them where they stand "
+            f"({' '.join(f'--fix {joint}' for joint in part.tree.joints)})."
         )
     places, recordings, more = zip(*(on_payload(robot, part, each, body, sensor) for each in recordings), strict=True)
     notes = [note for note in dict.fromkeys(more) if note]

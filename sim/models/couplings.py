@@ -16,7 +16,6 @@ _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER)
 WORLD_SIDE = -1
 """Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
-
 SOFT = 0.04
 """Time constant of an equality above which it may be meant as a spring, s: twice MuJoCo's default, with which rigid
 parts are modelled."""
@@ -55,8 +54,7 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     active = np.flatnonzero(model.eq_active0).tolist()
     equalities = [_equality(model, e, tendons, flexes)._replace(soft=bool(slow[e])) for e in active]
     # A tendon without forces of its own is but a sum of coordinates, for an equality or an actuator.
-    forceless = [t for t, each in enumerate(tendons) if each.joints and not _has_forces(model, t)]
-    return [each for t, each in enumerate(tendons) if t not in forceless] + flexes + equalities
+    return [each for t, each in enumerate(tendons) if not each.joints or _has_forces(model, t)] + flexes + equalities
 
 
 def _has_forces(model: mujoco.MjModel, t: int) -> bool:
