@@ -192,6 +192,7 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
     [
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
         ({"body": "tool", "mass": -1.0}, "mass needs a number above 0"),
+        ({"body": "tool", "mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
         ({"body": "tool", "loaded": []}, "A load needs recordings without it and with it"),
     ],
 )
@@ -199,6 +200,8 @@ def test_bad_input_is_one_sentence(arm, logs, given, message):
     without, loaded = logs
     with pytest.raises(InputError, match=message):
         identify_load(arm, without, **{"loaded": loaded, **given})
+    with pytest.raises(InputError, match="one of them is given twice: most samples of number 2 are those of number 1"):
+        identify_load(arm, without, without, body="tool")
 
 
 def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monkeypatch, capsys):
@@ -222,7 +225,7 @@ def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monke
     shared = []
     monkeypatch.setattr("ident.payload.load.identified", lambda ready, **_: shared.append(len(ready)) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        identify_load(arm, [logs[0], full, logs[0]])
+        identify_load(arm, [logs[0], full, arm_log(2, loaded=False, seconds=2.0)])
     assert shared == [2]
 
     monkeypatch.setattr("ident.payload.load.identify_load", lambda *_, body, **__: shared.append(body) or 1 / 0)

@@ -370,10 +370,8 @@ WRONG_DEVIATIONS = [
     ({"weight": 0.1}, "has no entry 'weight'; valid are mass, center, inertia"),
     *((x, f"{NAMED}, out of mass, center, inertia; got") for x in ("mass", 3, ["mass"])),
 ]
-OF_DRIVES, OF_OWN = (
-    "^drive needs a list out of rotor, .*; got",
-    "^own needs a list out of .*, lag, tracker_delay; got",
-)
+OF_DRIVES = "^drive needs a list out of rotor, .*; got"
+OF_OWN = "^own needs a list out of offset, .*, delay, lag, tracker_delay; got"
 WRONG_ARGUMENTS = [
     *(({"known": known}, f"^known.?{message}") for known, message in WRONG_DEVIATIONS),
     ({"setup": {"late": 0.1}}, "^setup has no entry 'late'; valid are delay, lag, clock, origin"),
@@ -427,6 +425,10 @@ def recording(channels=None, **fields):
 
 def identified(given=LOG, **options):
     return mc.identify(ARM, given, **{"estimator": "weighted", "cutoff": 8.0, **options})
+
+
+def part_of_log(start, stop):
+    return mc.Recording(LOG.time[start:stop], {name: x[start:stop] for name, x in LOG.measured.items()})
 
 
 def consistent(**options):
@@ -547,6 +549,11 @@ CALLS = {
         lambda: identified([LOG, mc.Recording(LOG.time, LOG.measured)]),
         "fitted once only, but one of them is given twice",
     ),
+    "one recording in one": (
+        lambda: identified([LOG, part_of_log(1, 400)]),
+        "one of them is given twice: most samples of number 2 are those of number 1.",
+    ),
+    "a part held out": (lambda: identified(held_out=part_of_log(50, 200)), "has to be another one than the recording"),
     "held out and fitted": (lambda: identified(held_out=LOG), "has to be another one than the recording that is fit"),
     "columns of a recording": (lambda: identified(columns={"time": "t"}), "columns maps the columns of logs"),
     "a text for offsets": (lambda: identified(offsets="no"), "offsets needs True or False; got 'no'"),

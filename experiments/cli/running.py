@@ -71,15 +71,19 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    if sys.stdout is None:  # It was closed.
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    code = 0
     try:
         try:
-            return _run(study, make_parser(), argv)
+            code = _run(study, make_parser(), argv)
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
         # What is left in the buffer would be a second error at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        code = code or 141
+    return code
 
 
 def _run(study: Study, parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:

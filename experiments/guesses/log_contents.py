@@ -18,7 +18,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.files.table import FAR, TRUE, Table, is_number
 from ident.recordings.entries import clocks, counted, taken
-from ident.recordings.faults import rate_factor, with_continuous_angles
+from ident.recordings.faults import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
 from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
@@ -174,16 +174,17 @@ class LogContents:
 
     def table(self, names: Sequence[str]) -> np.ndarray:
         """Columns side by side, zeros for those that are not in the log (N, k)."""
-        return np.stack([self.samples.get(name, np.zeros(len(self.time))) for name in names], axis=1)
+        columns = [self.samples.get(name, np.zeros(len(self.time))) for name in names]
+        return np.reshape(columns, (len(names), len(self.time))).T
 
     def rate_factor(self, x: np.ndarray, rate: str) -> float:
         """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
         return rate_factor(self.time, x, self.columns[rate])
 
-    def is_rate(self, position: str, rate: str) -> bool:
-        """True where a column may be the derivative of another, in any unit and of either sign."""
-        size = self.rate_factor(self.columns[position], rate)
-        return any(is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180))
+    def are_rates(self, positions: Sequence[str], rates: Sequence[str]) -> np.ndarray:
+        """True where columns may be derivatives of others, in any unit and of either sign (k, l)."""
+        size = rate_factors(self.time, self.table(positions), self.table(rates))
+        return np.any([is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180)], axis=0)
 
     def summary(self, most: int = 100) -> list[str]:
         """Lines on the file and on at most so many of its columns, those that change first."""
@@ -194,7 +195,7 @@ class LogContents:
             f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
             f"{self.rate:.4g} Hz{headed}."
         ]
-        lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
+        lines += [f"Lines before the table that are left out: {each.skip}." for each in self.layouts if each.skip]
         lines += self.notes
         lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in changing.items()]
         lines += [f"  and {len(self.columns) - most} more that change"] if len(self.columns) > most else []
@@ -220,9 +221,9 @@ class LogContents:
         return replace(self, samples=samples, markers=tuple(markers))
 
 
-def is_one(ratio: float) -> bool:
+def is_one(ratio: np.ndarray | float) -> np.ndarray:
     """True where the ratio of a rate to the derivative is that of one unit, of either sign."""
-    return 1 / SAME_UNIT < abs(ratio) < SAME_UNIT
+    return (np.abs(ratio) > 1 / SAME_UNIT) & (np.abs(ratio) < SAME_UNIT)
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:

@@ -157,11 +157,11 @@ def _by_following(belief: Belief, _: str) -> Scores:
 def by_derivative(belief: Belief, positions: Mapping[str, str], taken: Collection[str]) -> Scores:
     """Scores of free columns, except some, that may be derivatives of positions; two where a name says velocity."""
     log, scores = belief.log, Scores()
-    for name in (name for name in belief.free if name in log.columns and name not in taken):
-        about = words(name)
-        if about.measured and about.kind in ("velocity", ""):
-            for joint, position in positions.items():
-                scores[name, joint] = log.is_rate(position, name) * (1.0 + (about.kind != ""))
+    free = [name for name in belief.free if name in log.columns and name not in taken]
+    rates = {name: words(name).kind for name in free if words(name).measured and words(name).kind in ("velocity", "")}
+    for joint, own in zip(positions, log.are_rates(list(positions.values()), list(rates)), strict=True):
+        for (name, kind), is_rate in zip(rates.items(), own, strict=True):
+            scores[name, joint] = is_rate * (1.0 + (kind != ""))
     return scores
 
 
@@ -280,7 +280,7 @@ def _fill(columns: dict[str, str], part: Sequence[str], belief: Belief) -> None:
 def candidates(belief: Belief, number: int = 0) -> tuple[list[str], list[str]]:
     """Columns that may be positions of some number of joints, and all that are no derivatives of others."""
     free = [name for name in belief.free if name in belief.log.columns and words(name).measured]
-    rates = {b: a for a in free for b in free if a != b and belief.log.is_rate(a, b)}
+    rates = {free[b]: free[a] for a, b in np.argwhere(belief.log.are_rates(free, free)) if a != b}
     others = [name for name in free if name not in rates]
     # A column with a derivative is a position; without any such pair all columns may be.
     roots = [name for name in others if name in rates.values()] or free

@@ -30,8 +30,8 @@ METADATA = {
 LISTED = 40
 """Names that a message lists at most."""
 
-FAR = 1e100
-"""Upper limit of the numbers from which others are computed."""
+FAR = 1e30
+"""Upper limit of the numbers from which others are computed, as products of four."""
 
 
 @dataclass

@@ -165,7 +165,8 @@ def find_base_parameters(
             the pinned set no basis, or the kept columns do not reproduce the others.
     """
     for where, given in (("parameters", parameters), ("kept", kept)):
-        if not isinstance(given, Collection | None) or not all(isinstance(name, str) for name in given or ()):
+        own = given.tolist() if isinstance(given, np.ndarray) else given
+        if not isinstance(own, Collection | None) or not all(isinstance(name, str) for name in own or ()):
             raise InputError(f"{where} needs a list of names of parameters, got {described(given)}.")
     if isinstance(source, np.ndarray):
         return _of_regressor(source, 1.0, _names(parameters, source.shape[-1]), kept)

@@ -34,6 +34,7 @@ from ident.parameters.consistency import ConsistentParameters, consistent_parame
 from ident.parameters.structure import Sensors
 from ident.payload.beyond_sensor import DENSITY
 from ident.payload.identified_payload import Payload, SensorParameter
+from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
 from ident.tolerances import HOLDOUT, SIGNIFICANT
@@ -343,6 +344,8 @@ def identify_load(
             f"One load is identified at a time, but body and recordings state one on {' and '.join(bodies)}."
         )
     body = "".join(bodies)
+    if mass is None and mass_std:
+        raise InputError(f"mass_std is the standard deviation of mass, which is not given; got {mass_std:g}.")
     if body not in robot.bodies:
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."
@@ -360,6 +363,7 @@ def identify_load(
         [prepared(each, log, filters=False, drive=None) for log in logs]
         for each, logs in zip((robot, carrier), several, strict=True)
     )
+    check_different([*bare, *carrying])
     empty = identified(bare, **fitting)
     full = identified(carrying, known=empty.trajectory is not None and empty.trajectory.known, **fitting)
     if empty.channels != full.channels:

@@ -323,12 +323,19 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
 
 def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
     """Factor of dx to the derivative of x; 0 if the two are hardly correlated."""
+    return float(rate_factors(time, x[:, None], dx[:, None])[0, 0])
+
+
+def rate_factors(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    """Factors of columns (N, l) to the derivatives of others (N, k); 0 if two are hardly correlated (k, l)."""
     m = max(1, len(time) // 100)
     # Differences and integrals over many samples have less noise than derivatives.
-    integral = np.append(0, np.cumsum((dx[1:] + dx[:-1]) / 2 * np.diff(time)))
+    integral = np.insert(np.cumsum((dx[1:] + dx[:-1]) / 2 * np.diff(time)[:, None], axis=0), 0, 0.0, axis=0)
     a, b = x[m:] - x[:-m], integral[m:] - integral[:-m]
-    power, other, common = float(a @ a), float(b @ b), float(a @ b)
-    return common / power if common**2 > 0.81 * power * other > 1e-30 else 0.0
+    power, common = (a * a).sum(axis=0)[:, None], a.T @ b
+    least = 0.81 * power * (b * b).sum(axis=0)
+    alike = (common**2 > least) & (least > 1e-30)
+    return np.where(alike, common, 0.0) / np.where(alike, power, 1.0)
 
 
 def unit_of_force(recording: Recording, mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:

@@ -17,6 +17,7 @@ from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.tolerances import HUGE
 from sim.models.couplings import loops_of
 from sim.models.model_drives import drives_of_model
 from sim.models.mujoco_model import (
@@ -92,6 +93,8 @@ def _coincidence(model: mujoco.MjModel, e: int, name: str) -> Coincidence:
         bodies, one = [int(k) for k in ids], np.eye(4)[0]
         points = (data[3:6], data[:3]) if whole else (data[:3], data[3:6])
         places = [placed_pose(points[0], data[6:10] if whole else one), placed_pose(points[1], one)]
+    if not (abs(data) < HUGE).all():
+        raise ModelError(f"The constraint '{name}' needs numbers below {HUGE:g}, as of its anchor.")
     names = [name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
     own = [tuple(place.ravel().tolist()) for place in places]
     return Coincidence(name, (names[0], names[1]), (own[0], own[1]), bool(whole))

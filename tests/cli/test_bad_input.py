@@ -78,6 +78,7 @@ def folder(tmp_path_factory):
     short = {name: x[:15] for name, x in log.measured.items()}
     still = {f"{joint}_{kind}": 0 * log.time for joint in ("joint1", "joint2") for kind in STATES}
     log.save(out / "log.csv")
+    short = {name: 1.001 * x for name, x in short.items()}  # Another recording.
     replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(out / "short.csv")
     replace(log, measured={**log.measured, **still}, true={}, noise={}).save(out / "still.csv")
     (out / "pendulum.xml").write_bytes((Path(scenes.__file__).parent / "double_pendulum.xml").read_bytes())

@@ -64,6 +64,16 @@ def test_a_closed_pipe_ends_quietly(tmp_path):
     assert (ended.returncode, ended.stderr) == (141, "") and (tmp_path / "table_1.csv").exists()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere streams are closed otherwise")
+@pytest.mark.parametrize(
+    ("streams", "code"), [("1>&-", 0), ("2>&-", 0), ("1>&- 2>&-", 0), (">/dev/full", 2), ("1>&- wrong", 2)]
+)
+def test_a_closed_output_is_no_fault(tmp_path, streams, code):
+    words = f"{sys.executable} -m multicontact mechanism --formats none --out {tmp_path} {streams}"
+    ended = subprocess.run(words, shell=True, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == code and "Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])
 def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     with pytest.raises(type(error)) as raised:

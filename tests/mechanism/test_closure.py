@@ -224,14 +224,19 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
         ),
         (
+            FOUR_BAR.replace("0.3 0 0.12", "1e300 0 0"),
+            log_of([SWING]),
+            r"The constraint 'pin' needs numbers below 1e\+08, as of its anchor",
+        ),
+        (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
             "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid", "skew",
-         "undetermined"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
+         "infinite", "skew", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):

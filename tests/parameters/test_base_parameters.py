@@ -141,7 +141,8 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     assert find_base_parameters(Y, "pqr").names == ("p", "r")
     with pytest.raises(ValueError, match="so nearly dependent"):
         find_base_parameters(Y, "pqr", kept="pq")
-    for given in ({"kept": 3}, {"kept": [1]}, {"parameters": 3}):
+    assert find_base_parameters(Y, np.array(list("pqr")), kept=np.array(["p", "r"])).names == ("p", "r")
+    for given in ({"kept": 3}, {"kept": [1]}, {"kept": np.ones(2)}, {"parameters": 3}):
         with pytest.raises(InputError, match=f"{next(iter(given))} needs a list of names of parameters, got"):
             find_base_parameters(Y, **{"parameters": "pqr", **given})
 

@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +79,15 @@ def test_few_of_many_columns_are_listed(tmp_path, capsys):
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
     printed = capsys.readouterr().out
     assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 180
+
+
+@pytest.mark.parametrize("huge", ["9e29", "-1e100"])
+def test_numbers_that_no_sensor_reads_do_not_overflow(tmp_path, huge):
+    folder, log = Path(MODEL).parent, tmp_path / "arm.csv"
+    rows = (folder / "arm.csv").read_text(encoding="utf-8").splitlines()[:200]
+    rows[100] = rows[100].replace(rows[100].split(",")[1], huge)
+    log.write_text("\n".join(rows), encoding="utf-8")
+    assert columns.main([str(folder / "arm.xml"), str(log), "--base", "base"]) == 0
 
 
 def test_other_logs_need_the_same_columns(tmp_path, capsys):
