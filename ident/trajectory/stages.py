@@ -75,9 +75,9 @@ KNOTS_PER_SAMPLE, ROUNDING = 2.0, 1e-6
 """Least number of samples per knot, and relative tolerance of that limit."""
 
 ROUGHER = 1e3
-"""Factor by which smoothness that was estimated while set-up errors were in the residuals begins lower than it ended. The
-height of a person's pelvis was held smooth at 10^5.0 then, and stayed there (from a thirtieth of it, too), where 10^1.6
-explains the vertical force: of the 95 % intervals 52 instead of 92 % held with all of the set-up known.
+"""Factor by which smoothness that was estimated while set-up errors were in the residuals begins lower than it ended.
+The height of a person's pelvis was held smooth at 10^5.0 then, and stayed there (from a thirtieth of it, too), where
+10^1.6 explains the vertical force: 52 instead of 92 % of the 95 % intervals held with all of the set-up known.
 """
 
 UNFOLLOWED = 0.125

@@ -6,6 +6,7 @@ import driven_arm
 import numpy as np
 import pytest
 from measurements import random_measurement
+from recorded_faults import PENDULUM, faulty
 
 import ident
 from ident.errors import ExcitationError
@@ -127,3 +128,23 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monke
     assert again.trajectory.fit.status == "converged" and not again.trajectory.known
     off = np.abs((again.fit.values - values) / std)
     assert off[: again.base.rank].max() < 0.5 and off.max() < 1.5
+
+
+@pytest.mark.parametrize(("delay", "factor"), [(0.0, 1.0), (0.03, stages.ROUGHER)])
+def test_smoothness_begins_lower_once_set_up_errors_are_known(delay, factor, monkeypatch):
+    """Begun where it was with a person's displaced joints in the residuals, that of the pelvis stayed too high."""
+    ends, begins, fit, converged = [], [], iteration.fit, stages.Stages.converged
+
+    def fitted(measurement, pieces, begin, **how):
+        begins.append(begin.noises)
+        return fit(measurement, pieces, begin, **how)
+
+    def last(self, estimate):
+        ends.append((estimate.fit.noises, len(begins)))
+        return converged(self, estimate)
+
+    monkeypatch.setattr(iteration, "fit", fitted)
+    monkeypatch.setattr(stages.Stages, "converged", last)
+    ident.identify(PENDULUM, faulty(delay=delay))
+    ((before, at),) = ends
+    np.testing.assert_allclose(before[0].jerk / begins[at][0].jerk, factor)
