@@ -160,7 +160,7 @@ class Measurement:
                 orientations of tracked bodies, in halves (N, 2, 6 k).
             theta: Parameters (p,).
         """
-        program = self._channels_program
+        program = self._recorder._channels_program
         every = np.arange(program.results)
         return self._run(program, (states, wrenches, theta), every, every, program.results)
 
@@ -173,13 +173,13 @@ class Measurement:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
         if not self.is_displaced(theta):
-            return self._derivatives(self._gradients_program, (states, wrenches, theta), columns)
-        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._unseen[0]))
+            return self._derivatives(self._recorder._gradients_program, (states, wrenches, theta), columns)
+        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._recorder._unseen[0]))
         inputs = states, wrenches, theta
-        values, by_states, by = self._derivatives(self._displaced_program, inputs, np.append(columns, unseen))
+        values, by_states, by = self._derivatives(self._recorder._displaced_program, inputs, np.append(columns, unseen))
         by_theta, by_unseen = np.split(by, [len(columns)], axis=1)
         of_bodies = columns < rank
-        by_theta[:, of_bodies] += self._unseen[1][:, columns[of_bodies]].T @ by_unseen
+        by_theta[:, of_bodies] += self._recorder._unseen[1][:, columns[of_bodies]].T @ by_unseen
         return values, by_states, by_theta
 
     def is_displaced(self, theta: np.ndarray) -> bool:
@@ -211,7 +211,7 @@ class Measurement:
 
     def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
-        n, (_, nonzero) = self.coordinates, self._gradients_program
+        n, (_, nonzero) = self.coordinates, self._recorder._gradients_program
         of_theta = nonzero[:, 3 * n + columns]
         if self.is_displaced(theta):
             of_bodies = columns < self.equations.parameters.rank
@@ -250,7 +250,7 @@ class Measurement:
 
     def unseen(self, theta: np.ndarray) -> np.ndarray:
         """Likeliest dependent entries of φ (d,)."""
-        (of_model, changes), rank = self._unseen, self.equations.parameters.rank
+        (of_model, changes), rank = self._recorder._unseen, self.equations.parameters.rank
         return of_model + changes @ (theta[:rank] - self.equations.from_model[:rank])
 
     def beside(self, theta: np.ndarray) -> np.ndarray:
@@ -267,9 +267,13 @@ class Measurement:
     def with_slips(self, slips: np.ndarray) -> "Measurement":
         """Measurement with other slips (m,) and the same programs, of which slips are inputs."""
         other = replace(self, equations=replace(self.equations, slips=slips))
-        for name in ("_channels_program", "_gradients_program", "_displaced_program"):
-            other.__dict__[name] = getattr(self, name)
+        other.__dict__["_recorder"] = self._recorder
         return other
+
+    @cached_property
+    def _recorder(self) -> "Measurement":
+        """Measurement, equal but for slips, that records the programs and has what does not depend on slips."""
+        return self
 
     @cached_property
     @uncollected()
