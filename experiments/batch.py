@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
         origin, agreed = provenance(kept.identity), agreement_of(tasks, outcomes)
-        document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
+        document = batch_report.document(args.model, outcomes, agreed, arm, origin)
         write(document, out, stale=batch_report.OUTPUTS)
     if failed := [each for each in outcomes if each.error]:
         raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")

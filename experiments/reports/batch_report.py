@@ -19,6 +19,7 @@ from ident.geometry.inertia import with_bodies
 from ident.judgement.finding import title_of
 from ident.judgement.verdict import Outcome as Verdict
 from ident.judgement.wording import number_of
+from ident.mechanism.mechanism import Mechanism
 from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "batch.json")
@@ -62,7 +63,7 @@ def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabula
     )
 
 
-def parameters_table(outcomes: Sequence[LogOutcome], bodies: tuple[str, ...]) -> tabular.Table:
+def parameters_table(outcomes: Sequence[LogOutcome], arm: Mechanism) -> tabular.Table:
     """Parameters over the logs that did not fail: mean, spread, and agreement with the logs' own deviations."""
     rows = spreads(outcomes)
     return tabular.Table(
@@ -78,7 +79,8 @@ def parameters_table(outcomes: Sequence[LogOutcome], bodies: tuple[str, ...]) ->
         decimals=2,
         deviations={"mean": "std_of_mean"},
         digits={"between_logs": of_deviations(each.between for each in rows)},
-        bodies=bodies,
+        bodies=arm.bodies,
+        carriers=arm.tree.carriers,
         units=tuple(each.unit for each in rows),
         heads={"std_of_mean": "s.d. of the mean", "between_logs": "s.d. between logs", "rms_z": "RMS z"},
         notes=(
@@ -157,7 +159,7 @@ def document(
     model: Path,
     outcomes: Sequence[LogOutcome],
     agreed: LogAgreement | None,
-    bodies: tuple[str, ...],
+    arm: Mechanism,
     provenance: dict[str, Any],
 ) -> Document:
     """Tables of all logs and of the parameters over them.
@@ -166,9 +168,10 @@ def document(
         model: The model's file.
         outcomes: What became of each log.
         agreed: Agreement of the logs that did not fail, if it can be judged.
-        bodies: Names of the model's bodies.
+        arm: The model's mechanism.
         provenance: Provenance of the results.
     """
+    bodies = arm.bodies
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
     counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
@@ -182,10 +185,10 @@ def document(
     differs = ["" if each.error else next(each_differs, "") for each in outcomes]
     tables = {"table_logs": logs_table(outcomes, differs)}
     if fitted:
-        tables["table_parameters"] = parameters_table(outcomes, bodies)
+        tables["table_parameters"] = parameters_table(outcomes, arm)
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
     return Document(
-        f"{model.name}, identified from each of {logs}",
+        f"{model.name}, identified from {'each of ' * (len(outcomes) > 1)}{logs}",
         headline=headline,
         pictures=[] if agreed is None else [picture(outcomes, agreed)],
         findings=[Card(*each, True) for each in doubts],

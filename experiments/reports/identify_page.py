@@ -49,7 +49,7 @@ def prediction(result: Estimate) -> Iterator[str]:
 def _intervals(result: Estimate) -> dict[str, list[Interval]]:
     """Base parameters and drives by body; a drive belongs to the body that its joint moves."""
     arm, fit, rank = result.prepared.mechanism, result.fit, result.base.rank
-    std, model, carriers = np.sqrt(np.diag(result.covariance_setup)), fit.equations.from_model, carried(result)
+    std, model, carriers = np.sqrt(np.diag(result.covariance_setup)), fit.equations.from_model, arm.tree.carriers
     bodies: dict[str, list[Interval]] = {name: [] for name in arm.bodies}
     drives = [kind for kind in DRIVE.values() if any(name.startswith(f"{kind}(") for name in fit.names)]
     for k, name in enumerate(fit.names):
@@ -61,12 +61,6 @@ def _intervals(result: Estimate) -> dict[str, list[Interval]]:
             each = Interval(name, column, float(fit.values[k]), INTERVAL * float(std[k]), float(std[k]), stated)
             bodies.setdefault(body, []).append(each)
     return {name: each for name, each in bodies.items() if each}
-
-
-def carried(result: Estimate) -> dict[str, str]:
-    """Bodies by the freedoms of the joints that move them."""
-    tree = result.prepared.mechanism.tree
-    return {name: body for each, body in zip(tree.bodies, tree.names, strict=True) for name in each.freedom_names}
 
 
 def replay(result: Estimate) -> Replay:

@@ -90,7 +90,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         regrouped={"": base.expressions(digits=4)},
         bodies=log.mechanism.bodies,
         units=tuple(coefficient_unit(name, log.mechanism.tree) for name in fit.names),
-        carriers=page.carried(result),
+        carriers=log.mechanism.tree.carriers,
     )
     return table.without(result.undetermined, result.undetermined_sentence)
 

@@ -115,6 +115,11 @@ class Tree:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
         return tuple(name for body in self.bodies for name in body.freedom_names)
 
+    @property
+    def carriers(self) -> dict[str, str]:
+        """Names of bodies by those of the freedoms that move them."""
+        return {name: body.name for body in self.bodies for name in body.freedom_names}
+
     @cached_property
     def followers(self) -> tuple[int, ...]:
         """Indices of the bodies whose joint follows another one."""

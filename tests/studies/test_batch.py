@@ -21,6 +21,9 @@ from experiments.runs import workers
 from experiments.runs.workers import DeadWorkerError
 from ident.estimation.sources import in_order
 from ident.files.atomic import PARTIAL, unwritten
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
@@ -272,7 +275,9 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     given |= {"doubts": ["weight_differs", "setup_axis"]}
     outcomes = [LogOutcome(f"run{k}.csv", f"run{k}", "usable", values=x, **given) for k, x in enumerate(values)]
     failed = LogOutcome("bad.csv", error="bad.csv: no.")
-    document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
+    shank = Body("shank", BASE, np.eye(4), np.eye(6)[3], "hip")
+    leg = Mechanism(Tree((Body("base", BASE, np.eye(4), np.zeros(6)), shank)), np.zeros(3))
+    document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, leg, {})
     (_, sentence, doubt), (_, failure, _) = document.findings
     assert "Weight differs; Set-up axis" in " ".join(document.tables["table_logs"].markdown().split())
     assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
@@ -281,6 +286,9 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     assert f" from the others: {names}. χ² is " in sentence
     assert "most in m2rz2 of shank by +" in sentence and "identify these logs apart" in sentence
     assert all(f"{k + 2}: run{k}.csv" in document.pictures[0] for k in moved)
+    groups = document.tables["table_parameters"].groups()
+    assert [(body, len(rows)) for body, _, rows in groups] == [("base", 1), ("shank", 2)]
+    assert document.title == "arm.xml, identified from each of 21 logs"
     table = document.tables["table_logs"].csv().splitlines()
     assert [("m2rz2 of shank by +" in row) for row in table[2:]] == agreed.differ.tolist()
     numbers = document.numbers["batch"]["agreement"]["logs"]
