@@ -77,9 +77,11 @@ def as_text(value: Any) -> Any:
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Help that shows defaults, except None, empty lists and those of flags."""
+    """Help that shows defaults as they are typed, except None, empty lists and those of flags."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
+        if isinstance(action.default, list) and action.default:
+            return f"{action.help} (default: {' '.join(map(str, action.default))})"
         plain = action.default in (None, []) or action.const is not None
         return action.help if plain else super()._get_help_string(action)
 

@@ -68,6 +68,9 @@ def test_options_are_those_of_the_module(name, capsys):
 def test_help_has_no_default_of_a_flag():
     texts = {name: module.parser().format_help() for name, module in COMMANDS.items()}
     assert not any("(default: False)" in text for text in texts.values())
+    assert "(default: pdf png)" in " ".join(texts["misaligned"].split()) and "(default: [" not in "".join(
+        texts.values()
+    )
     assert "(default: True)" not in texts["human"] and "(default: True)" in texts["identify"]
 
 
