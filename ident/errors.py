@@ -44,3 +44,9 @@ def about(what: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise type(error)(f"{what}: {error}") from None
+
+
+def not_installed(what: str, package: str, extra: str) -> str:
+    """Clause that `what` needs a package, and how its extra is installed from the repository."""
+    command = f'pip install -c constraints.txt -e ".[{extra}]"'
+    return f"{what} needs the package '{package}', which the extra '{extra}' brings: {command}"

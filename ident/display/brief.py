@@ -6,8 +6,6 @@ from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError
-
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
@@ -105,7 +103,7 @@ def imported_pandas() -> Any:
     Raises:
         InputError: It is not installed.
     """
-    try:
+    from ident.files.limits import library
+
+    with library("pandas", "A data frame"):
         return import_module("pandas")
-    except ImportError:
-        raise InputError("A data frame needs pandas: pip install 'multicontact[pandas]'.") from None

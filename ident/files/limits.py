@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import Point, as_array, fits, in_words, one_of
-from ident.errors import InputError, LogError
+from ident.errors import InputError, LogError, not_installed
 from ident.files.column import UNITS
 from ident.files.table import short
 from ident.tolerances import HUGE
@@ -122,11 +122,7 @@ def library(extra: str, what: str = "This log") -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        package = error.name or str(error)
-        raise InputError(
-            f"{what} needs the package '{package}', which the extra '{extra}' brings: "
-            f"pip install multicontact[{extra}]."
-        ) from None
+        raise InputError(f"{not_installed(what, error.name or str(error), extra)}.") from None
 
 
 @contextmanager
@@ -228,7 +224,14 @@ def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
     elif args and (is_dataclass(args[0]) or get_origin(args[0]) is Mapping):
         words = words or "a list of tables"
     needed = words or WORDS.get(hint) or in_words(hint)
-    raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {short(value)}.")
+    raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {short(value)}{too_large(value)}.")
+
+
+def too_large(value: Any) -> str:
+    """End of a sentence on an entry if numbers of it are not below `HUGE`, else empty."""
+    array = as_array([value])
+    large = array is not None and (np.abs(array) >= HUGE).any()
+    return f"; numbers have to be below {HUGE:g}" if large else ""
 
 
 def choice(where: str, value: Any, choices: Collection[str]) -> str:
@@ -258,7 +261,7 @@ def vector(where: str, value: Any, size: int) -> np.ndarray:
     """A list of `size` numbers as an array (size,)."""
     numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
     if not numbers or len(value) != size:
-        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
+        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}{too_large(value)}.")
     return np.array(value, float)
 
 

@@ -101,7 +101,9 @@ def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
         x.strip() if isinstance(x, str) else is_number(x) and abs(x) < HUGE for x in point
     )
     if not known or len(point) != 3:
-        raise LogError(f"{where}.point needs three coordinates, each a column or a number in m, got {short(point)}.")
+        needed = "three coordinates, each a column or a number in m"
+        too_large = limits.too_large([x for x in point if is_number(x)] if isinstance(point, list) else [])
+        raise LogError(f"{where}.point needs {needed}, got {short(point)}{too_large}.")
     return [x if isinstance(x, str) else "" for x in point]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
-from ident.errors import InputError, ModelError
+from ident.errors import InputError, ModelError, not_installed
 
 LARGEST = 1e100
 """Upper limit of a model's numbers, so that products of them are finite."""
@@ -35,10 +35,7 @@ def urdf_of(path: Path) -> bytes:
         import xacro
         from xacrodoc import packages
     except ImportError:
-        raise InputError(
-            f"{path}: xacro files need the package 'xacrodoc', which the extra 'xacro' brings: "
-            f"pip install multicontact[xacro]; {by_hand}."
-        ) from None
+        raise InputError(f"{path}: {not_installed('a xacro file', 'xacrodoc', 'xacro')}; {by_hand}.") from None
     try:
         # Importing xacrodoc lets xacro find packages without ROS.
         packages.walk_up_from(path)

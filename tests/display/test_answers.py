@@ -197,7 +197,9 @@ def test_a_data_frame_has_every_parameter():
 @pytest.mark.parametrize("thing", [quick, lambda: quick().consistent(), lambda: quick().prepared.recording])
 def test_without_pandas_a_sentence_names_the_extra(monkeypatch, thing):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
+    with pytest.raises(
+        InputError, match=r"A data frame needs the package 'pandas', which the extra 'pandas' brings: pip"
+    ):
         thing().to_frame()
 
 

@@ -106,4 +106,4 @@ def test_identify_writes_it_and_the_page_links_to_it(tmp_path):
 def test_without_the_library_a_sentence_comes_before_any_work(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
     error = refusal(identify.main, [str(tmp_path / "no.xml"), str(tmp_path / "no.csv"), "--rerun"], capsys)
-    assert error.endswith("which the extra 'rerun' brings: pip install multicontact[rerun].\n")
+    assert error.endswith("""the extra 'rerun' brings: pip install -c constraints.txt -e ".[rerun]".\n""")

@@ -266,6 +266,7 @@ BAD = {
     "no point": (ON + CORNERS + 'free_moment = ["", "", "t"]', "[wrenches.p] has 'free_moment' without 'point'"),
     "both moments": (ON + CORNERS + POINT + 'torque = ["d", "e", "f"]', "'torque', moments about its origin, or"),
     "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
+    "far point": (ON + CORNERS + POINT.replace("0]", "1e9]"), "got ['x', 'y', 1000000000.0]; numbers have to be below"),
     "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
     "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
