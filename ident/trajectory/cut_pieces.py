@@ -83,7 +83,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
     pieces = []
     for a, b in pairwise(borders):
         x, y = (slice(*np.searchsorted(each.time, (ends[a], ends[b]))) for each in (states, channels))
-        _check(states.values[x], ends[a], ends[b])
+        _check(recording, prepared.mechanism.joints, states.values[x], ends[a], ends[b])
         end = max(time[b - 1], *states.time[x][-1:], *channels.time[y][-1:])
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
         late = len(measurement.equations.channels if measurement.frame is None else measurement.components)
@@ -93,13 +93,15 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
     return pieces
 
 
-def _check(samples: np.ndarray, start: float, end: float) -> None:
+def _check(recording: Recording, joints: tuple[str, ...], samples: np.ndarray, start: float, end: float) -> None:
     """Raises an InputError if a coordinate (N, n) has too few samples to determine the unpenalised polynomial."""
     samples_of = np.isfinite(samples).sum(axis=0)
     if samples_of.min() < ORDER:
+        names = [f"The joint '{joint}'" for joint in joints for _ in range(recording[f"{joint}_position"][0].size)]
+        names = ["The base"] * (len(samples_of) - len(names)) + names
         raise InputError(
-            f"Coordinate {int(samples_of.argmin()) + 1} needs at least {ORDER} samples from {start:g} to "
-            f"{end:g} s, it has {samples_of.min()}; leave that part of the recording out."
+            f"{names[samples_of.argmin()]} needs at least {ORDER} samples from {start:g} to {end:g} s, it has "
+            f"{samples_of.min()}; leave that part of the recording out."
         )
 
 

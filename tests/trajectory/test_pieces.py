@@ -88,7 +88,9 @@ def test_contacts_and_torques_may_have_clocks_of_their_own():
 def test_a_coordinate_that_is_away_for_too_long_is_one_sentence():
     own = streams(np.random.default_rng(0))
     own["joint2_position"][1][2:480] = np.nan
-    with pytest.raises(ident.InputError, match=r"Coordinate 2 needs at least 3 samples from 0 to 4.71 s, it has 2; "):
+    with pytest.raises(
+        ident.InputError, match=r"The joint 'joint2' needs at least 3 samples from 0 to 4.71 s, it has 2; "
+    ):
         identified(own)
 
 
