@@ -6,7 +6,7 @@ as in AnalyzeExperiments of the published method (arXiv:2302.06685), whose a are
 Without meshes a are those of a uniform box of the tool's mass and central moments.
 """
 
-import sys
+import argparse
 from collections import defaultdict
 from pathlib import Path
 from shutil import copytree
@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from experiments.cli.options import whole_number
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.run import of_bodies
 from ident.geometry.inertia import parameters_from_com, symmetric
@@ -62,5 +63,11 @@ def rows(folder: Path, draws: int) -> dict[str, list[float]]:
 
 
 if __name__ == "__main__":
-    for name, each in rows(Path(sys.argv[1]), int(sys.argv[2])).items():
+    parser = argparse.ArgumentParser(
+        "python -m docs.tools.tool_errors", description="Errors of tools' inertias over size."
+    )
+    parser.add_argument("folder", type=Path, help="folder of the recordings of the eight tools")
+    parser.add_argument("draws", type=whole_number(1), help="draws of the noise")
+    args = parser.parse_args()
+    for name, each in rows(args.folder, args.draws).items():
         print(f"| {name} | {' | '.join(f'{x:.3g}' for x in each)} |")
