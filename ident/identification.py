@@ -230,6 +230,9 @@ def identified(
             f"A log states a load on '{carried[0]}', under [load] in its columns file: `payload` (in Python "
             "`identify_load`) identifies it beside logs without it."
         )
+    for kind, has, what in (("lag", "servos", "commands"), ("tracker_delay", "trackers", "tracked bodies")):
+        if kind in own and not any(getattr(log.recording, has) for log in logs):
+            raise InputError(f"own has {kind}, but no recording has {what}; leave it out.")
     tree, setup = logs[0].mechanism.tree, {} if setup is None else setup
     setup, stated = (checked_setup(each, tree.compounds) for each in (setup, logs[0].recording.setup))
     if "centre" in setup:

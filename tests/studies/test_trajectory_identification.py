@@ -125,6 +125,8 @@ def test_logs_have_the_same_channels_and_own_what_logs_can_have():
     for logs, options, message in (
         ([recording, planar], {}, "A log to fit besides the first needs the channels Fx, Fy, Fz"),
         ([recording, recording], {"own": ["clock"]}, "own needs a list out of .*, lag, tracker_delay; got clock"),
+        (recording, {"own": ["tracker_delay"]}, "own has tracker_delay, but no recording has tracked bodies; leave"),
+        (recording, {"own": ["offset", "lag"]}, "own has lag, but no recording has commands; leave it out"),
         (recording, {"estimator": "ordinary", "own": ["delay"]}, "Only the trajectory estimate"),
         ([], {}, "at least one recording"),
     ):
