@@ -68,6 +68,10 @@ def test_parquet(tmp_path):
     same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", LEG))
     with pytest.raises(LogError, match="time is mapped in another unit than the file's, which says s"):
         read_log(tmp_path / "log.parquet", LEG, {"time": {"column": "time", "unit": "ms"}})
+    repeated = pyarrow.Table.from_arrays([pyarrow.array(T)] * 3, names=["time", "force", "force"])
+    pyarrow.parquet.write_table(repeated, tmp_path / "log.parquet")
+    with pytest.raises(LogError, match="columns of a log need different names, 'force' is more than one"):
+        read_log(tmp_path / "log.parquet", LEG)
 
 
 C3D = {

@@ -115,6 +115,16 @@ def test_missing_channels_are_named_with_those_there_are():
         ).wrench("plate")
 
 
+def test_a_recording_keeps_copies_of_mappings_and_channels():
+    x, given = np.zeros(2), {name: {} for name in ("units", "noise", "provenance", "sensors", "true")}
+    recording = Recording([0.0, 1], measured := {"a": x}, **given)
+    measured["b"] = x
+    for name, mapping in given.items():
+        mapping["a"] = 1.0
+        assert not getattr(recording, name), name
+    assert list(recording.measured) == ["a"]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
