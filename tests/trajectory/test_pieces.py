@@ -13,16 +13,10 @@ from ident.setup import PRIORS
 from ident.trajectory.angles_alone import UNSETTLED, smoothed
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 
-CASES = {
-    "rates": {"wrench": 250.0, "jitter": 2e-3},
-    "all": {"wrench": 250.0, "jitter": 2e-3, "missing": 0.05, "gap": (4.0, 4.3)},
-}
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_parameters_are_found_from_streams_with_times_of_their_own(case):
-    own = streams(np.random.default_rng(0), **case)
+def test_parameters_are_found_from_streams_with_times_of_their_own():
+    own = streams(np.random.default_rng(0), wrench=250.0, jitter=2e-3, missing=0.05, gap=(4.0, 4.3))
     estimate = identified(own)
     z = z_of(estimate.psi, estimate.covariance)
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
@@ -36,9 +30,9 @@ def test_parameters_are_found_from_streams_with_times_of_their_own(case):
 
 
 @pytest.mark.slow
-def test_of_eight_recordings_the_intervals_cover_the_truth():
+def test_of_five_recordings_the_intervals_cover_the_truth():
     z = []
-    for seed in range(8):
+    for seed in range(5):
         own = streams(np.random.default_rng(seed), wrench=250.0, missing=0.05)
         # The trajectory estimate has no cut-off: a given one needs no search.
         log = prepared(pendulum(), ident.Recording.from_streams(own), cutoff=10.0)
