@@ -15,7 +15,9 @@ from same_recording import assert_same_recording
 from experiments.human import main
 from experiments.reports import human_report
 from experiments.studies import person_on_plates
+from ident.judgement.residuals import fast_noise
 from ident.recordings.recording import Recording
+from ident.trajectory.left_out import prediction_errors
 
 
 @pytest.fixture
@@ -95,6 +97,7 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
     assert "laboratory" in refusal(main, [c for c in command if c != "--no-rail"] + ["--resume"], capsys)
 
 
+@pytest.mark.slow
 def test_recordings_are_saved_as_they_were_simulated(tmp_path):
     study = persons.at_a_rail()
     for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), start=1):
@@ -114,3 +117,16 @@ def test_two_feet_on_plates_tell_what_unseen_motions_need():
     assert abs(late.value - 0.02) < 3 * late.std
     prior, joint = (person.errors[name] for name in ("prior", "trajectory estimate"))
     assert joint.sum() < 0.6 * prior.sum()
+
+
+@pytest.mark.slow
+def test_noise_and_left_out_pieces_of_somebody_on_plates_alone_have_the_size_of_what_the_plates_carry():
+    """Nothing else carries, so that the sum of all wrenches is zero."""
+    estimate = persons.briefly().estimate
+    joint = estimate.trajectory
+    errors = prediction_errors(joint.measurement, joint.fit, np.full(6, np.inf))
+    assert (errors < 0.5).any()
+    noise = fast_noise(joint, range(6))
+    # Moments have that of the pelvis's place besides, about which they are.
+    assert ((noise[:3] > 1.5) & (noise[:3] < 3)).all() and ((noise[3:] > 0.15) & (noise[3:] < 3)).all()
+    assert not any(each.code == "residual_above_fast_noise" for each in estimate.findings)

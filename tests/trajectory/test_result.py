@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import driven_arm
 import numpy as np
-import persons
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
@@ -15,12 +14,11 @@ from docs.tools.noise.recordings import noisy_recording
 from ident.estimation.preparation import prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.identification import identified
-from ident.judgement.residuals import fast_noise
 from ident.parameters.prior import known_covariance
 from ident.trajectory.corrected import _root_of_inverse
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
-from ident.trajectory.left_out import clearly_better, clearly_less, gains, prediction_errors, without
+from ident.trajectory.left_out import clearly_better, clearly_less, gains, without
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
@@ -193,15 +191,3 @@ def test_white_weights_are_kept_unless_others_predict_clearly_better():
     assert not clearly_less(white, np.array([0.2, 0.295, 1.0]))
     assert clearly_less(white, np.array([0.15, 0.3, 1.0]))
     assert not clearly_less(np.ones(2), np.ones(2))
-
-
-def test_noise_and_left_out_pieces_of_somebody_on_plates_alone_have_the_size_of_what_the_plates_carry():
-    """Nothing else carries, so that the sum of all wrenches is zero."""
-    estimate = persons.briefly().estimate
-    joint = estimate.trajectory
-    errors = prediction_errors(joint.measurement, joint.fit, np.full(6, np.inf))
-    assert (errors < 0.5).any()
-    noise = fast_noise(joint, range(6))
-    # Moments have that of the pelvis's place besides, about which they are.
-    assert ((noise[:3] > 1.5) & (noise[:3] < 3)).all() and ((noise[3:] > 0.15) & (noise[3:] < 3)).all()
-    assert not any(each.code == "residual_above_fast_noise" for each in estimate.findings)
