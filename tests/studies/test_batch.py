@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import driven_arm
@@ -91,27 +92,56 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys, here):
     assert (folder / "out" / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out
 
 
-def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
-    done, one = [], batch.outcome_of
+def test_a_run_that_ends_early_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
+    """Ended by an interrupt, a dead worker, a full disk, and one without room even for the outcomes."""
+    tries, one = [], batch.outcome_of
 
-    def interrupted(task):
-        if done:
-            raise KeyboardInterrupt
-        done.append(task.name)
+    def with_error(task, error):
+        tries.append(task.name)
+        if task.name == "run1":
+            raise error
         return one(task)
 
-    monkeypatch.setattr(batch, "outcome_of", interrupted)
-    assert batch.main(BOTH) == 130
-    assert "run again with --resume" in capsys.readouterr().err
-    again = []
-    monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
-    assert batch.main([*BOTH, "--resume"]) == 0
-    assert done == ["run0"] and again == ["run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
-    assert batch.main([*BOTH, "--resume", "--holdout", "0.3"]) == 2
-    assert "are of another run: options differ; leave out --resume" in capsys.readouterr().err
+    def anew(task):
+        tries.append(task.name)
+        return one(task)
+
+    def unsaved(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def full(task, out):
+        with unwritten(out):
+            unsaved()
+
+    def ended(*options, code=2, **patches):
+        """What is shown by a run with other functions."""
+        with monkeypatch.context() as patched:
+            for name, replaced in patches.items():
+                patched.setattr(batch if name == "outcome_of" else identify, name, replaced)
+            assert batch.main([*BOTH, *options]) == code
+        return capsys.readouterr().err
+
+    (folder / "out").mkdir()
+    (folder / "out" / "report.html").write_text("earlier", encoding="utf-8")
+    shown = ended(outcome_of=partial(with_error, error=KeyboardInterrupt()), code=130)
+    assert "run again with --resume" in shown
+    shown = ended("--resume", outcome_of=partial(with_error, error=DeadWorkerError("A worker process died.")))
+    assert "error: run1.csv: A worker process died." in shown
+    shown = ended("--resume", identified_from=full)
+    assert "error: run1.csv: " in shown and "run1' could not be written (No space left on device)" in shown
+    assert "run again with --resume" in shown and {errno.EDQUOT, errno.EFBIG, errno.EROFS} <= batch.FULL
+    assert "logs failed" not in shown
+    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
+    ended("--resume", outcome_of=anew, code=0)
+    assert tries == ["run0", "run1", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
+    before = (folder / "out" / batch.PROGRESS).read_bytes()
+    with monkeypatch.context() as patched:
+        patched.setattr(workers, "save_arrays", unsaved)
+        assert "--resume" not in ended(outcome_of=partial(with_error, error=batch.FullDiskError("run1.csv: full")))
+    assert (folder / "out" / batch.PROGRESS).read_bytes() == before
+    assert "are of another run: options differ; leave out --resume" in ended("--resume", "--holdout", "0.3")
     driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
-    assert batch.main([*BOTH, "--resume"]) == 2
-    assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
+    assert "are of another run: files (run1.csv) differ" in ended("--resume")
 
 
 DONE = LogOutcome(
@@ -157,60 +187,6 @@ def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, he
     first, second = logs()
     assert first["error"] == "This is a fault of multicontact: LinAlgError: singular"
     assert second["error"].startswith("bad.csv: a log needs at least")
-
-
-def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch, here):
-    plain, tries = identify.identified_from, []
-
-    def full(task, out):
-        tries.append(task.name)
-        if tries == ["run0", "run1"]:
-            with unwritten(out):
-                raise OSError(errno.ENOSPC, "No space left on device")
-        return plain(task, out)
-
-    monkeypatch.setattr(identify, "identified_from", full)
-    (folder / "out").mkdir()
-    (folder / "out" / "report.html").write_text("earlier", encoding="utf-8")
-    assert batch.main(BOTH) == 2
-    shown = capsys.readouterr().err
-    assert "error: run1.csv: " in shown and "run1' could not be written (No space left on device)" in shown
-    assert "run again with --resume" in shown and {errno.EDQUOT, errno.EFBIG, errno.EROFS} <= batch.FULL
-    assert "logs failed" not in shown
-    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
-    assert batch.main([*BOTH, "--resume"]) == 0
-    assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
-
-
-def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
-    assert batch.main(FIRST) == 0
-    before = (folder / "out" / batch.PROGRESS).read_bytes()
-
-    def full(*_):
-        raise batch.FullDiskError("run0.csv: full")
-
-    def unsaved(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(batch, "outcome_of", full)
-        patched.setattr(workers, "save_arrays", unsaved)
-        assert batch.main(FIRST) == 2
-    assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
-    assert batch.main([*FIRST, "--resume"]) == 0
-
-
-def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):
-    one = batch.outcome_of
-
-    def deadly(task):
-        if task.name == "run1":
-            raise DeadWorkerError("A worker process died.")
-        return one(task)
-
-    monkeypatch.setattr(batch, "outcome_of", deadly)
-    assert batch.main(BOTH) == 2
-    assert "error: run1.csv: A worker process died." in capsys.readouterr().err
 
 
 @pytest.mark.slow
