@@ -6,6 +6,14 @@ HUGE = 1e8
 TINY = 1e-100
 """Size of a measured number below which it is zero: squares of squares stay numbers, and no sensor reads so little."""
 
+ROUNDING = 1e-9
+"""Difference of numbers, relative to their size, up to which they are equal: of the sixteen digits of a double, files,
+conversions and sums of thousands leave nine."""
+
+FAR_BETTER = 0.5
+"""Error of one explanation over that of another, for loads their squares, below which it is far better. On simulated
+arms of seven joints the square is below 0.1 with loads, and from 0.9 up with factors of units and gears."""
+
 ZERO_COLUMN = 1e-11
 """Norm of a column, relative to the largest, below which it is zero up to rounding."""
 

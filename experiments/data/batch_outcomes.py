@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-UNLIKELY = 0.01
-"""Chance that one of the logs is called different where nothing but noise differs."""
+from ident.judgement.agreement import UNLIKELY
 
 ROUNDS = 20
 """Largest number of repetitions; trials with up to half of the logs set apart took three."""

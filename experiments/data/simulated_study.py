@@ -16,6 +16,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
+from ident.tolerances import ROUNDING
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
 
@@ -219,9 +220,6 @@ class SimulatedStudy:
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
 """The wrench's components in the paper's names."""
 
-STILL = 1e-9
-"""Standard deviation, N or N m, below which a channel has only rounding errors."""
-
 
 def summary(study: SimulatedStudy) -> dict[str, Any]:
     """Key numbers for scripts; those of a model end with its name."""
@@ -280,7 +278,7 @@ def wrench_errors(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dic
     for k, channel in enumerate(CHANNELS):
         errors[channel] = {"true_std": float(std[k])}
         errors[channel] |= {f"rms_{model}": float(x[k]) for model, x in rms.items()}
-        ratios = {f"ratio_{model}": float(x[k] / std[k]) if std[k] > STILL else None for model, x in rms.items()}
+        ratios = {f"ratio_{model}": float(x[k] / std[k]) if std[k] > ROUNDING else None for model, x in rms.items()}
         errors[channel] |= ratios
     return errors
 

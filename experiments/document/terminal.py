@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from typing import TypeVar
 
-C = TypeVar("C")
+from ident.display.text import WIDTH
 
-WIDTH = 120
-"""Largest number of letters in a line."""
+C = TypeVar("C")
 
 GAP = 2
 """Spaces between the columns of a table."""

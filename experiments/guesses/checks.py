@@ -18,9 +18,7 @@ from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log
-
-FAR_BETTER = 0.5
-"""Largest ratio of unexplained shares, with over without, to accept another sign."""
+from ident.tolerances import FAR_BETTER
 
 EXPLAINED = 0.02
 """Unexplained share below which signs are not doubted."""

@@ -8,15 +8,13 @@ from math import perm
 import numpy as np
 
 from experiments.guesses.belief import Belief
+from experiments.guesses.groups import SAME
 from experiments.guesses.log_contents import ROUND
 from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, ComparedModel, explained
 from experiments.guesses.scores import assigned, by_derivative, candidates
 from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
-
-SAME = 0.999
-"""Correlation of columns above which they may be two readings of one joint."""
 
 MOST = 400
 """Largest number of assignments of columns without names to joints that are tried."""

@@ -31,9 +31,6 @@ FAR_OFF = 0.3
 SNAPPED = 3.0
 """Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
 
-HALF_WAY = np.sqrt(1000)
-"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
-
 PARTS = {"force": slice(0, 3), "torque": slice(3, 6)}
 """Components of forces and of moments."""
 
@@ -159,7 +156,8 @@ def _set_unit(belief: Belief, groups: Iterable[ColumnGroup], kind: str, ratio: f
     key, choices = UNIT_KEYS[kind], UNITS[kind]
     sizes = {unit: ratio * choice for unit, choice in choices.items()}
     unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
-    if not 1 / HALF_WAY < sizes[unit] < HALF_WAY:
+    # Up to half way, as factors go, to the next unit, which is a thousand times as large.
+    if not 1 / np.sqrt(1000) < sizes[unit] < np.sqrt(1000):
         belief.notes.append(
             f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
             "which no other unit explains."

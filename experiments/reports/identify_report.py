@@ -30,7 +30,7 @@ from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_clocks import name_of
 from ident.recordings.stated import Servo
 from ident.regression.held_out import ESTIMATE
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, ROUNDING
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim.reading import OpenSimOrigin
@@ -42,9 +42,6 @@ SPECTRA = "Amplitude spectra of the channels and of their residuals."
 REMARKS, CHANNELS, LONGEST = 8, 12, 225
 """Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
 four legs of twelve joints 50."""
-
-NOTHING = 1e-9
-"""Size of a model's parameter over its standard deviation up to which it is zero but for rounding."""
 
 FAR = 3.0
 """Distance from zero, in standard deviations, of an estimate whose relative standard deviation is shown."""
@@ -58,7 +55,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     base, fit, log = result.base, result.fit, result.prepared
     others = [None] * (len(fit.names) - base.rank)
     wider = np.sqrt(np.diag(result.covariance_setup))
-    model = [x if abs(x) > NOTHING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
+    model = [x if abs(x) > ROUNDING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
     priors: list[float | None] = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(fit.names) - len(priors))
     lagging, footnote = _of_servos(result)

@@ -15,9 +15,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
-
-ROUNDING = 1e-9
-"""Distance from a whole number below which entries of poses and axes are one: directions have ten digits or more."""
+from ident.tolerances import ROUNDING
 
 FEW = 6
 """Largest number of lengths for which coefficients are exact with arbitrary directions."""

@@ -18,6 +18,7 @@ from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
+from ident.tolerances import FAR_BETTER
 
 NOISE_WANDERS = 1 / 15
 """Distance from a measured contact at which its noise may seem to act, of the mechanism's size: half a foot."""
@@ -60,9 +61,6 @@ class BaseCheck(NamedTuple):
     error: float
     error_there: float
 
-
-FAR_BETTER = 0.5
-"""Error of a wrench with other signs, axes or frames over that as stated below which these are far better."""
 
 MIRRORED, NOTABLE = 0.4, 0.1
 """Error of a component with the opposite sign, over that as it is, below which it is mirrored; and size of its

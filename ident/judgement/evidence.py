@@ -21,15 +21,12 @@ from ident.parameters.prior import KNOWN, guessed
 from ident.regression.conventional import spread
 from ident.regression.held_out import ESTIMATE, HeldOut
 from ident.regression.ordinary import Fit
-from ident.tolerances import CONDITION_LIMIT
+from ident.tolerances import CONDITION_LIMIT, ROUNDING
 from ident.trajectory.result import TrajectoryEstimate
 
 LINEARISED = 3
 """Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
 time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
-
-ROUNDING = 1e-9
-"""Least eigenvalue of correlations of ψ: what the set-up adds to a covariance is definite to rounding only."""
 
 
 @dataclass(frozen=True)

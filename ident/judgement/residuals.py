@@ -12,7 +12,7 @@ from ident.mechanism.mechanism import out_of_plane
 from ident.mechanism.motion import Motion
 from ident.recordings.smoothing import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
-from ident.tolerances import LEFT, POOR, SIGNIFICANT
+from ident.tolerances import LEFT, POOR, SIGNIFICANT, SINGULAR
 from ident.trajectory.left_out import of_contacts
 from ident.trajectory.result import TrajectoryEstimate
 
@@ -22,9 +22,6 @@ ENOUGH = 3000
 WINDOW = 8
 """Part of a recording, as its reciprocal, over which a residual's autocorrelation is used: at longer lags it is
 inaccurate, and would include the motion's own frequencies."""
-
-DEPENDENT = 1e-10
-"""Squares of functions of a motion, over the largest, below which they are rounding errors of dependent ones."""
 
 MOVES = 0.01
 """Range of a joint, rad or m, up to which it rests: its torque is then friction, of any size up to breakaway."""
@@ -113,7 +110,8 @@ def _orthonormal(x: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns less their means (N, k)."""
     x = x - x.mean(axis=0)
     squares, axes = np.linalg.eigh(x.T @ x)
-    kept = squares > DEPENDENT * squares.max(initial=0)
+    # Of dependent functions only rounding errors are left.
+    kept = squares > SINGULAR * squares.max(initial=0)
     return np.asarray(x @ (axes[:, kept] / np.sqrt(squares[kept])))
 
 

@@ -23,11 +23,7 @@ from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
 from ident.regression.ordinary import Fit
-from ident.tolerances import SINGULAR
-
-FAR_BETTER = 0.5
-"""Residual, of loads its square, of one explanation over that of another below which it is far better. On simulated
-arms of seven joints the square is below 0.1 with loads, and from 0.9 up with factors of units and gears."""
+from ident.tolerances import FAR_BETTER, SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
 """Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""

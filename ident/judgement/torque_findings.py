@@ -38,9 +38,6 @@ FOLLOWS = 0.2
 SMOOTH = 0.02
 """Slip above which friction does not change its sign in a jump, rad/s or m/s."""
 
-HALF = np.sqrt(2)
-"""Factor on the standard deviation of a scale from which a body fixes it: it brings half of the information."""
-
 DEVIATIONS = 4.0
 """Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
 
@@ -258,7 +255,8 @@ def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Ma
     with_all = _scale_deviations(estimate, mechanism, known) if better else np.zeros(0)
     less = {name: {other: each for other, each in own.items() if other != name} for name in better}
     deviations = {name: _scale_deviations(estimate, replace(mechanism, prior_known=less[name]), known) for name in less}
-    return tuple(name for name, without in deviations.items() if (without > HALF * with_all).any())
+    # A body that brings half of the information widens a deviation by √2.
+    return tuple(name for name, without in deviations.items() if (without > np.sqrt(2) * with_all).any())
 
 
 def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> np.ndarray:

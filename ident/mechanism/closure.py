@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
 from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
+from ident.tolerances import ROUNDING
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -31,9 +32,6 @@ ITERATIONS = 12
 
 OPEN = 1e-3
 """Distance of a loop's ends that counts as open, over the mechanism's length: models state places with few digits."""
-
-CLOSED = 1e-9
-"""Part of such a distance that dependent joints may still close in random states."""
 
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
@@ -239,7 +237,7 @@ class Closure:
         residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
         left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
         apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
-        return np.asarray((apart < OPEN) & (left < CLOSED) & (least > NEAR))
+        return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""

@@ -11,6 +11,7 @@ from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.tree import Tree
+from ident.tolerances import ROUNDING
 
 MINIMUM_TURN = 1e-3
 """Smallest root-mean-square rotation, in rad, from which an axis is recovered."""
@@ -20,9 +21,6 @@ MINIMUM_SAMPLES = 10
 
 PARALLEL_SIGNIFICANCE = 1e-4
 """Probability of taking two parallel axes for different ones in `recover_axes`."""
-
-SAME_DIRECTION = 1e-9
-"""Angle, in rad, below which two directions count as equal, however small their noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +138,7 @@ def parallel_p_value(a: Direction, b: Direction) -> float:
     plane = np.linalg.svd((a.vector + b.vector)[None])[2][1:].T
     difference = (a.vector - b.vector) @ plane
     influence = (a.influence - b.influence) @ plane
-    covariance = influence.T @ influence + SAME_DIRECTION**2 * np.eye(2)
+    covariance = influence.T @ influence + ROUNDING**2 * np.eye(2)
     distance = difference @ np.linalg.solve(covariance, difference)
     return float(special.fdtrc(2, max(len(influence) - 2, 1), distance / 2))
 
@@ -153,7 +151,7 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
 def common_direction(directions: Sequence[Direction]) -> Direction:
     """Common direction of parallel axes: their mean, weighted by inverse variance, with the first one's sign."""
     aligned = [d.along(directions[0]) for d in directions]
-    weights = np.array([1 / (d.std**2 + SAME_DIRECTION**2) for d in aligned])
+    weights = np.array([1 / (d.std**2 + ROUNDING**2) for d in aligned])
     weights /= weights.sum()
     mean = sum(w * d.vector for w, d in zip(weights, aligned, strict=True))
     influence = sum(w * d.influence for w, d in zip(weights, aligned, strict=True))
@@ -221,7 +219,7 @@ def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) ->
 
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
     body = tree.bodies[i]
-    if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > SAME_DIRECTION:
+    if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
         raise ModelError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
     parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
     try:

@@ -37,7 +37,7 @@ from ident.payload.identified_payload import Payload, SensorParameter
 from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
-from ident.tolerances import HOLDOUT, SIGNIFICANT
+from ident.tolerances import HOLDOUT, ROUNDING, SIGNIFICANT
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import embedded, inverse_of_precision
@@ -46,9 +46,6 @@ from ident.trajectory.trajectory_estimate import RUBS, own_columns
 
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
-
-RANK = 1e-9
-"""Least singular value, over the largest, of what recordings show of a load."""
 
 STEPS = 4
 """Number of steps to a load's stated mass where scales of torques are uncertain; the last changes the mass by 1e-9."""
@@ -103,7 +100,7 @@ def differing(
     root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)])
     sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
     left, X = sides[:, 0], sides[:, 1:]
-    explained, _, rank, _ = np.linalg.lstsq(X, left, rcond=RANK)
+    explained, _, rank, _ = np.linalg.lstsq(X, left, rcond=ROUNDING)
     return float(np.sum((left - X @ explained) ** 2)), len(i) - int(rank)
 
 

@@ -19,7 +19,7 @@ from ident.recordings.smoothing import UNIFORM, quantum, white_noise
 from ident.recordings.stated import Servo, model_servo
 from ident.recordings.times import Sampled, between_samples
 from ident.recordings.wrench import GROUND
-from ident.tolerances import KILONEWTONS, NORMAL_MAD, TURNS
+from ident.tolerances import KILONEWTONS, NORMAL_MAD, ROUNDING, TURNS
 
 AT_ONCE = 1_000_000
 """Numbers of all windows that are in memory at the same time."""
@@ -43,9 +43,6 @@ NEXT = 3
 
 LEVELS = 10
 """Least number of distinct other values: a channel that switches between few levels is not clipped."""
-
-SAME = 1e-9
-"""Difference from the extreme value, relative to the range, up to which a sample counts as equal to it."""
 
 STILL, BY_NOISE = 0.003, 6.0
 """A coordinate moves during a run at a limit if it changes by more than this share of its range plus this many standard
@@ -148,7 +145,7 @@ def limits(x: np.ndarray) -> list[Limit]:
 
 def _limit(x: np.ndarray, extreme: float) -> Limit | None:
     """The extreme value as a limit, None if it is none."""
-    same = SAME * np.nanmax(np.abs(x - extreme))
+    same = ROUNDING * np.nanmax(np.abs(x - extreme))
     samples = np.abs(x - extreme) <= same
     count = int(samples.sum())
     if extreme == 0 or count < max(FEWEST, SHARE * len(x)) or _longest(samples) < LASTS:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.tolerances import NORMAL_MAD
+from ident.tolerances import NORMAL_MAD, ROUNDING
 
 UNIFORM = 1 / np.sqrt(12)
 """Standard deviation of the error of rounding to a step of one, which is uniformly distributed."""
@@ -35,16 +35,9 @@ MOST = 5000
 CANDIDATES = 32
 """Number of candidates for the step: this many of the smallest differences, and as many quantiles of the lower half."""
 
-ROUNDING = 1e-9
-"""Difference of two values, relative to the largest one, up to which they differ by rounding only."""
-
 RESTS, NOISE_ALONE = 1e-4, 1.2
 """A coordinate rests if its range is at most this share of the largest range of all, or its standard deviation is below
 this multiple of that of its noise."""
-
-FOURTH_DIFFERENCE = np.sqrt(70)
-"""Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; that of motion is
-negligible."""
 
 
 def quantum(x: np.ndarray) -> float:
@@ -91,7 +84,8 @@ def white_noise(*parts: np.ndarray, robust: bool = False) -> float:
     if not len(fourth):
         return 0.0
     spread = NORMAL_MAD * np.median(np.abs(fourth)) if robust else fourth.std()
-    return float(spread / FOURTH_DIFFERENCE)
+    # That of unit white noise has 1 + 16 + 36 + 16 + 1 as its variance; that of motion is negligible.
+    return float(spread / np.sqrt(70))
 
 
 def at_rest(x: np.ndarray, largest: float) -> bool:

@@ -15,6 +15,7 @@ from ident.files.atomic import replacing
 from ident.files.column import UNITS
 from ident.files.limits import made, toml
 from ident.mechanism.body import BASE, Body, Follower
+from ident.tolerances import ROUNDING
 from sim.models.inertials import OVERRIDING
 from sim.models.model_update import set_asset_folders
 from sim.models.notes import refusals
@@ -30,9 +31,6 @@ UP = {
 
 NOTHING = 1e-3
 """Mass in kg and moment in kg m² of every body, as MuJoCo needs some."""
-
-READ_BACK = 1e-9
-"""Tolerance of the verification: difference of a length in m, or of an inertia relative to the largest."""
 
 
 @dataclass(frozen=True)
@@ -210,5 +208,5 @@ def _check(path: Path, written: mujoco.MjModel, model: mujoco.MjModel) -> None:
     for name in ("body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "body_mass", "body_ipos", "body_inertia"):
         a, b = getattr(written, name), getattr(model, name)
         rows = slice(1, None) if name.startswith("body") else slice(None)
-        if a.shape != b.shape or (np.abs(a - b)[rows] > READ_BACK * max(1.0, float(np.abs(b).max(initial=0.0)))).any():
+        if a.shape != b.shape or (np.abs(a - b)[rows] > ROUNDING * max(1.0, float(np.abs(b).max(initial=0.0)))).any():
             raise ModelError(f"{path}: MuJoCo does not read the scaled model back as it was written ({name}).")

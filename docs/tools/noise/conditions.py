@@ -11,6 +11,7 @@ import numpy as np
 import scenes
 from experiments.data import paper
 from experiments.data.paper import SCENE
+from experiments.studies.excitation_problem import INSTANTS
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
@@ -213,9 +214,6 @@ CONDITIONS: Mapping[str, Condition] = {
     "arm_drawn": _on_a_plate("bodies drawn, 3 s", "sinusoids", 100, 3, drawn=True, options=KNOWING),
 }
 """Conditions of the study by name; at ×1 and 0.5° the noise is that of the scenes."""
-
-INSTANTS = 200
-"""Random states for the columns, several for each column."""
 
 STRIBECK_SHARE = 0.5
 """True Stribeck friction over Coulomb friction: dry joints break loose at one and a half times their friction."""
