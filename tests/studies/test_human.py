@@ -2,7 +2,6 @@
 
 import csv
 import json
-from dataclasses import replace
 from fnmatch import fnmatch
 
 import numpy as np
@@ -20,19 +19,11 @@ from ident.recordings.recording import Recording
 from ident.trajectory.left_out import prediction_errors
 
 
-@pytest.fixture
-def at_the_rail(monkeypatch):
-    """Uses the person at the rail for both; another test covers the one without."""
-
-    def once(seconds, *, laboratory, activities, **_):
-        return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))
-
-    monkeypatch.setattr(person_on_plates, "study", once)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "at_the_rail")
-def test_a_person_from_a_wrong_prior(tmp_path, capsys):
+@pytest.mark.usefixtures("undrawn")
+def test_a_person_from_a_wrong_prior(tmp_path, capsys, monkeypatch):
+    """With the estimate of the person without a rail in place of both."""
+    monkeypatch.setattr(person_on_plates, "study", lambda *_, **__: persons.briefly())
     out = tmp_path / "person"
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
     assert main([*small, "--workers", "1", "--out", str(out)]) == 0
