@@ -166,7 +166,6 @@ def on_time():
     ("fault", "name", "value"),
     [
         ({"late": -0.008}, "delay(ground)", -0.008),
-        ({"late": 0.12}, "delay(ground)", 0.12),
         ({"fast": 0.004}, "clock(ground)", -0.004),
     ],
 )

@@ -68,6 +68,8 @@ def test_an_arm_whose_joints_rub():
     assert values[friction] == pytest.approx(true[friction], rel=0.02)
     assert (np.abs(z) < 1.96).mean() > 0.8 and not estimate.setup
     assert coded(estimate, "breakaway_friction")
+    # Friction that is higher at low velocity is not fitted where recordings do not ask for it.
+    assert not any(name.startswith("Fs(") for name in estimate.fit.names)
 
 
 @pytest.mark.slow
@@ -99,8 +101,8 @@ def recorded(extra):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("extra", [{}, {"shoulder": 1.0, "wrist": 0.15}])
-def test_it_is_fitted_where_recordings_ask_for_it(extra):
+def test_it_is_fitted_where_recordings_ask_for_it():
+    extra = {"shoulder": 1.0, "wrist": 0.15}
     arm, recording = recorded(extra)
     estimate = ident.identify(arm, recording, known=False)
     values = dict(zip(estimate.fit.names, zip(estimate.fit.values, estimate.fit.std, strict=True), strict=True))
@@ -114,5 +116,5 @@ def test_it_is_fitted_where_recordings_ask_for_it(extra):
     # Compared with least squares of the usual columns.
     assert len(estimate.filtered_values) == len(estimate.fit.names)
     assert all(estimate.filtered_values[estimate.fit.names.index(name)] == 0 for name in fitted)
-    assert [set(each.place.joints) for each in coded(estimate, "low_velocity_friction")] == [set(extra)] * bool(extra)
+    assert [set(each.place.joints) for each in coded(estimate, "low_velocity_friction")] == [set(extra)]
     assert set(estimate.drives_updated) >= set(extra)

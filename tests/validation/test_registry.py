@@ -160,7 +160,7 @@ def arm(tmp_path_factory):
     path.write_text(URDF, encoding="utf-8")
     with pytest.warns(Warning, match="nowhere"):
         two = mechanism(path)
-    rng, time = np.random.default_rng(0), np.arange(0, 12, 0.01)
+    rng, time = np.random.default_rng(0), np.arange(0, 8, 0.01)
     phase, rates = rng.uniform(0, 6, (4, 2)).T, np.array([1.1, 2.3, 3.1, 4.7])
     q, dq, ddq = sines(time, np.full((2, 4), 0.35), rates, phase)
     links = joint_torque_regressor(two.tree, q, dq, ddq, gravity=two.gravity) @ two.known
