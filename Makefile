@@ -8,6 +8,7 @@ CONSTRAINTS ?= constraints.txt
 
 BIN := $(VENV)/bin
 # What is used is compiled when it is first used, and kept: half of an installation's work would be to compile all the rest.
+# The package, once installed, is not built again with its extras.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c $(CONSTRAINTS)
 unexport PYTHONDONTWRITEBYTECODE
 # A file's tests share what is costly to make, so they stay with one worker; `tests/conftest.py` says which come first.
@@ -54,11 +55,11 @@ clean:
 
 # Once it is there, the pages are built without a network.
 $(INSTALLED)-docs: $(INSTALLED)
-	$(PIP) -e ".[test,docs]"
+	$(PIP) "multicontact[docs]"
 	touch $@
 
 $(INSTALLED)-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,completion,formats,notebook,rerun,xacro,docs]"
+	$(PIP) "multicontact[symbolic,peers,completion,formats,notebook,rerun,xacro,docs]"
 	$(PIP) --no-deps $(MODELS)
 	touch $@
 
