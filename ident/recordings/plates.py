@@ -50,7 +50,8 @@ class Plate:
     Attributes:
         pose: Pose of the frame of its readings in the world (4, 4).
         bodies: Bodies that may be on it; none for the ground wrench.
-        threshold: Force up to which its readings are set to zero, N; None for what those readings show.
+        threshold: Force up to which its readings are set to zero, N; None for `THRESHOLD`, or for none where those up
+            to it are no noise.
         point: Coordinates of the point of application, NaN for those that have columns, m (3,); None if moments are
             about the frame's origin.
         expected: Body that is stated to be on it, out of several; "" if none is.
