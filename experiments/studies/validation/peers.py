@@ -244,8 +244,8 @@ def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> A
     poses, plates, rates = [], [], []
     for part, (angles, forces) in zip(estimate.logs, logs, strict=True):
         motion, times = made.OpenSimParser.loadMot(skeleton, str(angles)), part.log.recording.time[part.samples]
-        fitted = np.searchsorted(motion.timestamps, times[[0, -1]] + [-1e-6, 1e-6])
-        at = slice(*fitted)
+        # A microsecond is for times that are rounded.
+        at = slice(*np.searchsorted(motion.timestamps, times[[0, -1]] + [-1e-6, 1e-6]))
         poses.append(motion.poses[:, at])
         plates.append(made.OpenSimParser.loadGRF(str(forces), list(motion.timestamps[at])))
         rates.append(round(1 / float(np.median(np.diff(motion.timestamps)))))
