@@ -62,7 +62,10 @@ OPTIONS: options.Options = {
     "names": ("recordings, by default all that are there", {"nargs": "*", "metavar": "NAME"}),
     "--data": (f"folder of recordings, by default {VARIABLE}", {**options.FILE, "metavar": "FOLDER"}),
     "--fetch": ("download what is missing, into the user's cache", options.FLAG),
-    "--peers": ("compare with FIGAROH, mujoco.sysid (extra 'peers') and plain least squares", options.FLAG),
+    "--peers": (
+        "compare with FIGAROH, mujoco.sysid (extra 'peers'), nimblephysics (extra 'nimble') and plain least squares",
+        options.FLAG,
+    ),
     **options.workers(None, ", by default one for each processor"),
     **options.RESUME,
 }

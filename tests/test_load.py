@@ -106,6 +106,12 @@ def test_a_load_whose_mass_alone_is_known_is_usable_for_that(load, monkeypatch):
         assert ("Use its mass alone, 1.99" in own.verdict().brief) is (unknown == 3)
 
 
+@pytest.mark.parametrize(("stated", "doubted"), [(MASS, False), (10 * MASS, True), (0.1 * MASS, True)])
+def test_a_stated_mass_is_doubted_where_the_torques_contradict_it(load, stated, doubted):
+    own = replace(load, weighed=(stated, 1e-4 * stated), unweighed=load.joint)
+    assert ("load_weighs_another" in {finding.code for finding in own.findings if finding.doubt}) is doubted
+
+
 def test_what_a_load_does_not_explain_widens_its_intervals(load):
     """A change of what both recordings share, such as a cable's pull, in one of them."""
     full, body = load.estimate.trajectory, load.robot.bodies.index("tool")

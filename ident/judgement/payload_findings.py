@@ -28,7 +28,8 @@ INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, in the order of the parameters."""
 
 SHOWN = 3.0
-"""Standard deviations of a load's mass above zero from which the recordings show it."""
+"""Standard deviations of a load's mass above zero from which recordings show it, and from a stated one from which they
+contradict that."""
 
 ROUGH = 0.1
 """Relative standard deviation of the smallest moment of inertia from which there is a remark."""
@@ -94,8 +95,8 @@ def load_findings(
 
     Args:
         others: Findings on the estimates with and without it, of which doubts count.
-        mass: Its mass by the recordings, kg.
-        std: Standard deviation of the mass, kg.
+        mass: Its mass by the recordings, whatever was stated, kg.
+        std: Standard deviation of the mass, with the set-up, kg.
         weighed: Its mass by a scale with its standard deviation, kg; None if it was not stated.
         robot: Mass of the robot, kg.
         identifiable: Which of mass, centre of mass and inertias the data determine (10,).
@@ -105,6 +106,8 @@ def load_findings(
     out = [*{finding.text: finding for finding in others if finding.doubt}.values()]
     if weighed is None and mass < SHOWN * std:
         out.append(Finding.of("load_not_shown", mass=mass, std=std))
+    if weighed is not None and abs(mass - weighed[0]) > SHOWN * np.hypot(std, weighed[1]):
+        out.append(Finding.of("load_weighs_another", mass=mass, std=std, weighed=weighed[0]))
     if mass > robot:
         out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
     # A mass that is not shown is a doubt of its own.

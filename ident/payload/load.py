@@ -226,13 +226,15 @@ class Load(Payload):
         joint: One fit of all recordings, whose first ten parameters are the load's φ in the body's frame.
         differing: χ² of the recordings with it from those without it, less what the load explains, and its degrees of
             freedom: standard deviations from the noise are widened by `agreement.widening`.
-        weighed: Its mass by a scale, kg; None if it was not stated.
+        weighed: Its mass by a scale and the standard deviation of that, kg; None if it was not stated.
+        unweighed: The joint fit without that mass; None if it was not stated.
     """
 
     without: Estimate
     joint: TrajectoryEstimate
     differing: tuple[float, int]
     weighed: tuple[float, float] | None = None
+    unweighed: TrajectoryEstimate | None = None
 
     @property
     def title(self) -> str:
@@ -255,11 +257,15 @@ class Load(Payload):
 
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._covariances_of(self.joint)
+
+    def _covariances_of(self, joint: TrajectoryEstimate) -> tuple[np.ndarray, np.ndarray]:
+        """Covariances of the load's φ in a joint fit, from the noise and with the set-up (10, 10)."""
         chi2, freedom = self.differing
         apart = widening(float(np.sqrt(chi2 / freedom)) if freedom else None)
         wider = max(self.estimate.widening, self.without.widening, apart)
-        noise = wider**2 * self.joint.fit.covariance[:10, :10]
-        return noise, noise + self.joint.covariance_of_setup[:10, :10]
+        noise = wider**2 * joint.fit.covariance[:10, :10]
+        return noise, noise + joint.covariance_of_setup[:10, :10]
 
     @cached_property
     def physical(self) -> ConsistentParameters:
@@ -287,7 +293,8 @@ class Load(Payload):
         """Findings on the load and on both estimates, the doubts first."""
         body, others = self.in_frame(), (*self.without.findings, *self.estimate.findings)
         rubs = any(name.startswith(RUBS) and name.endswith(LOADED) for name in self.joint.fit.names)
-        mass, std = float(self.joint.fit.theta[0]), float(body.std_setup[0])
+        shown = self.unweighed or self.joint
+        mass, std = float(shown.fit.theta[0]), float(np.sqrt(self._covariances_of(shown)[1][0, 0]))
         return load_findings(
             others, mass, std, self.weighed, self.robot.mass, body.identifiable, rubs=rubs, differing=self.differing
         )
@@ -371,9 +378,10 @@ def identify_load(
     assert empty.trajectory is not None and full.trajectory is not None
     columns = empty.base.regroup(np.eye(10 * len(robot.bodies))[first : first + 10]).T
     size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
+    joint, weighed, unweighed = joint_fit(empty.trajectory, full.trajectory, columns, size, mean), None, None
     if mass is not None:
-        size[0], mean[0] = max(mass_std, EXACT * mass), mass
-    joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
+        weighed, unweighed = (mass, max(mass_std, EXACT * mass)), joint
+        size[0], mean[0] = weighed[1], mass
+        joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
     beside = differing(empty.trajectory, full.trajectory, columns, joint)
-    weighed = None if mass is None else (mass, mass_std)
-    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)
+    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed, unweighed)

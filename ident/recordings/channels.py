@@ -116,7 +116,8 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
     there = f"Besides times and joint states it has {f'the columns {listed(plain)}' if columns else 'no columns'}"
     if not lines:
         return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
-    return "\n".join([f"{there}; these lines, {PLACE}, would use those that look like it:", *lines])
+    wrist = " (`multicontact columns` tells if a sensor at a wrist measures them)" if "wrenches" in lines[0] else ""
+    return "\n".join([f"{there}; these lines, {PLACE}, would use those that look like it{wrist}:", *lines])
 
 
 def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:

@@ -27,7 +27,8 @@ AUTO = "auto"
 """Value of `on` for a body that is to be found by its force."""
 
 THRESHOLD = 20.0
-"""Force up to which a plate counts as unloaded, N: below it a centre of pressure is a quotient of noise."""
+"""Largest force up to which a plate may count as unloaded unless stated, N: centres of pressure are quotients of noise
+there on most plates."""
 
 RECTANGLE = 0.01
 """Largest deviation of corners from a rectangle, relative to its shorter side; a tape measure is more accurate."""
@@ -49,7 +50,8 @@ class Plate:
     Attributes:
         pose: Pose of the frame of its readings in the world (4, 4).
         bodies: Bodies that may be on it; none for the ground wrench.
-        threshold: Force up to which its readings are set to zero, N.
+        threshold: Force up to which its readings are set to zero, N; None for `THRESHOLD`, or for none where those up
+            to it are no noise.
         point: Coordinates of the point of application, NaN for those that have columns, m (3,); None if moments are
             about the frame's origin.
         expected: Body that is stated to be on it, out of several; "" if none is.
@@ -57,7 +59,7 @@ class Plate:
 
     pose: np.ndarray
     bodies: tuple[str, ...]
-    threshold: float
+    threshold: float | None
     point: np.ndarray | None
     expected: str = ""
 
@@ -82,10 +84,9 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
         return None
     on, point = _bodies(name, entry, bodies), _point(where, entry)
     pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
-    usual = THRESHOLD if point is not None or len(on) > 1 else 0.0
-    low = limits.value_of(
-        f"{where}.threshold", entry.get("threshold", usual), NotNegative, "a force in N, zero or more"
-    )
+    low = None if point is not None or len(on) > 1 else 0.0
+    if "threshold" in entry:
+        low = limits.value_of(f"{where}.threshold", entry["threshold"], NotNegative, "a force in N, zero or more")
     expected = entry.get("expected", "")
     if "expected" in entry and (len(on) < 2 or expected not in on):
         raise LogError(

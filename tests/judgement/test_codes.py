@@ -174,6 +174,7 @@ EXAMPLES = {
         {"mass": 210500.0, "robot": None},
     ],
     "load_not_shown": [{"mass": 0.02, "std": 0.03}],
+    "load_weighs_another": [{"mass": 2.03, "std": 0.08, "weighed": 20.0}],
     "load_changes_friction": [{}],
     "load_recordings_differ": [{"rms_z": 1.7}],
     "payload_mass_unknown": [{"quantities": ["mass", "centre z"]}],

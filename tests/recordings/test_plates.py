@@ -217,6 +217,33 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
+@pytest.mark.parametrize(
+    ("unloaded", "point", "stated", "left"),
+    [
+        ("fades", 1.0, "", True),  # a simulated contact
+        ("fades", 1.0, "threshold = 20", False),
+        ("fades", np.nan, "", False),  # without points where forces are small
+        ("fades", 0.0, "", False),
+        ("noise", 1.0, "", False),
+        ("noise", 1.0, "threshold = 0", True),
+        ("zero", 1.0, "", False),
+    ],
+)
+def test_small_forces_count_where_the_recording_has_no_noise(tmp_path, unloaded, point, stated, left):
+    """A force rises in six samples, of 1 to 16 N, after 300 in which it is not there."""
+    columns, rng = stepping()[0], np.random.default_rng(0)
+    count = len(columns["right_T"])
+    force, points = np.tile([0, 0, 700.0], (count, 1)), np.ones((count, 3))
+    force[:300] = rng.normal(size=(300, 3)) if unloaded == "noise" else 0
+    force[:300, 2] += 10.0 ** -np.linspace(0, 4, 300) if unloaded == "fades" else 0
+    force[300:306], points[300:306] = np.outer([1, 2, 4, 8, 12, 16], [0, 0, 1]), point
+    columns |= named("right", "F", force) | named("right", "p", points)
+    text = of_stepping('on = "foot_r"').replace("threshold = 40", stated).partition("[wrenches.left]")[0]
+    log, mapping = written(tmp_path, [(columns, text)])
+    recording = ident.read_log(log, walker.mechanism(), mapping)
+    np.testing.assert_array_equal(recording.as_measured("right_force").values[300:306, 2] > 0, left)
+
+
 def test_moments_without_forces_count_whatever_the_threshold(tmp_path):
     columns, text = in_plate("right", walker.wrenches()["right"], walker.TAKEN["right"])
     text = text.replace(f"force = {listed('right', 'F')}\n", "") + "threshold = 40\n"

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import get_type_hints
 
 import numpy as np
@@ -183,6 +184,12 @@ def test_plain_least_squares_are_compared_and_what_is_missing_names_the_extra(ar
     for name in ("FIGAROH", "mujoco.sysid"):
         assert "which the extra 'peers' brings: pip install" in answers[name]
     assert list(peers.compared(path.with_suffix(".xml"), estimate, [])) == ["plain least squares"]
+
+
+def test_nimblephysics_is_not_run_beside_a_numpy_that_it_does_not_survive(monkeypatch):
+    monkeypatch.setattr(peers.np, "__version__", "2.4.0")
+    with pytest.raises(InputError, match=r"segmentation fault beside numpy 2.4.0: .* multicontact\[nimble\]"):
+        peers.nimble(Path("person.osim"), [], None)
 
 
 @pytest.mark.extras

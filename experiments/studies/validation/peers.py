@@ -1,8 +1,9 @@
 """Other software on the same logs, each as its documentation says and unattended (extra `peers`).
 
 Plain least squares are for all recordings; FIGAROH and mujoco.sysid get angles and torques of the fitted part, and a
-URDF. All are judged by motions from which the trajectory estimate predicts, each channel by the best one of them, or by
-the software's own prediction if that is better.
+URDF; nimblephysics angles and plates of a person, and OpenSim's model. All are judged by motions from which the
+trajectory estimate predicts, each channel by the best one of them, or by the software's own prediction if that is
+better.
 """
 
 import json
@@ -54,6 +55,9 @@ SHARE = 0.1
 """Cut-off of FIGAROH's low-pass over the sampling rate, as in its UR10 example; that of the first velocities of
 simulations too."""
 
+
+STEPS, HISTORY = 200, 20
+"""Largest numbers of steps of nimblephysics' optimisation and of gradients that it keeps, those of AddBiomechanics."""
 
 Values = Mapping[str, float]
 """Estimates of base parameters, drives and offsets, by the names of the estimate's columns."""
@@ -109,11 +113,23 @@ Answer = tuple[Values, Sequence[float]]
 """Values, and held-out residuals over signal by joint as the software itself states them, empty if it does not."""
 
 
-def compared(model: Path, estimate: Estimate, judges: Sequence[Prepared]) -> dict[str, Any]:
-    """Held-out residuals over signal and CPU time, s, or why there are none, of each other software by name."""
+def compared(
+    model: Path, estimate: Estimate, judges: Sequence[Prepared], logs: Sequence[Sequence[Path]] = ()
+) -> dict[str, Any]:
+    """Held-out residuals over signal and CPU time, s, or why there are none, of each other software by name.
+
+    Args:
+        model: File of the model.
+        estimate: The estimate.
+        judges: Logs to judge by.
+        logs: Files of each fitted log, of persons angles and plates.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return {PLAIN: _measured(estimate, lambda: (_plain(estimate), ())), **_of_arms(model, estimate, judges)}
+        out = {PLAIN: _measured(estimate, lambda: (_plain(estimate), ())), **_of_arms(model, estimate, judges)}
+        if model.suffix == ".osim":
+            out["nimblephysics"] = _measured(estimate, partial(nimble, model, logs, estimate))
+        return out
 
 
 def _of_arms(model: Path, estimate: Estimate, judges: Sequence[Prepared]) -> dict[str, Any]:
@@ -209,6 +225,48 @@ def figaroh(task: Given) -> Answer:
     drives = {f"{own}({joint})": value.get(f"{kind}_{joint}", 0.0) for kind, own in kinds.items() for joint in joints}
     stated = made.result["validation_metrics"]["per_joint"]
     return task.values(phi, drives), [stated[joint]["nrmse"] for joint in joints]
+
+
+def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> Answer:
+    """nimblephysics: bodies and angles of a person on plates, in the steps of AddBiomechanics, without markers."""
+    if int(np.__version__.split(".")[0]) > 1:
+        raise InputError(
+            f"nimblephysics ends with a segmentation fault beside numpy {np.__version__}: run it in an environment of "
+            "its own with numpy 1.26, pip install multicontact[nimble]."
+        )
+    with library("nimble", "It"):
+        made = import_module("nimblephysics").biomechanics
+
+    skeleton = made.OpenSimParser.parseOsim(str(model), "", True).skeleton
+    skeleton.setGravity([0.0, -9.81, 0.0])
+    sensors = estimate.prepared.recording.sensors.values()
+    feet = [skeleton.getBodyNode(body) for body in dict.fromkeys(sensor.body for sensor in sensors)]
+    poses, plates, rates = [], [], []
+    for part, (angles, forces) in zip(estimate.logs, logs, strict=True):
+        motion, times = made.OpenSimParser.loadMot(skeleton, str(angles)), part.log.recording.time[part.samples]
+        # A microsecond is for times that are rounded.
+        at = slice(*np.searchsorted(motion.timestamps, times[[0, -1]] + [-1e-6, 1e-6]))
+        poses.append(motion.poses[:, at])
+        plates.append(made.OpenSimParser.loadGRF(str(forces), list(motion.timestamps[at])))
+        rates.append(round(1 / float(np.median(np.diff(motion.timestamps)))))
+    no_markers: list[list[dict[str, np.ndarray]]] = [[{}] * each.shape[1] for each in poses]
+    fitter = made.DynamicsFitter(skeleton, feet, [])
+    fitter.setSilenceOutput(True)
+    fit = made.DynamicsFitter.createInitialization(skeleton, {}, [], feet, plates, poses, rates, no_markers)
+    fitter.estimateFootGroundContactsWithHeightHeuristic(fit)
+    fitter.addJointBoundSlack(skeleton, 0.1)
+    fitter.smoothAccelerations(fit)
+    fitter.timeSyncAndInitializePipeline(fit)
+    fitter.setIterationLimit(STEPS)
+    fitter.setLBFGSHistoryLength(HISTORY)
+    problem = made.DynamicsFitProblemConfig(skeleton).setDefaults(True).setIncludePoses(True)
+    fitter.runIPOPTOptimization(fit, problem.setIncludeMasses(True).setIncludeCOMs(True).setIncludeInertias(True))
+    fitter.applyInitToSkeleton(skeleton, fit)
+    with TemporaryDirectory() as scratch:
+        path = Path(scratch) / model.name
+        made.OpenSimParser.replaceOsimInertia(str(model), skeleton, str(path))
+        equations = replace(estimate.fit.equations, mechanism=mechanism(path))
+    return dict(zip(equations.names, equations.from_model.tolist(), strict=True)), ()
 
 
 def sysid(task: Given) -> Answer:

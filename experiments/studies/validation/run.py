@@ -179,7 +179,8 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
         made = results(estimate)
         if peers:
             judges = [_prepared(entry, paths, log) for log in entry.judged]
-            made["peers"] = compared(paths[entry.model], estimate, judges)
+            logs = [[paths[name] for name in log] for log in entry.fitted]
+            made["peers"] = compared(paths[entry.model], estimate, judges, logs)
         known = of_estimate(entry, folder, estimate, made)
         truths = {"": known | {"seconds": seconds}} if known else {}
         if entry.body:
