@@ -46,13 +46,21 @@ def table_3(result: SimulatedStudy) -> tabular.Table:
     return tabular.Table("", *tabular.columns(**columns), decimals=2)
 
 
+def table_tilts(result: SimulatedStudy) -> tabular.Table:
+    """Tilts of the axes as they are, as poses show them, and as the search finds them."""
+    shown = study_report.table(result, "table_tilts")
+    heads = ("tilt (deg)", "true", "recovered from poses", "its s.d.", "searched for", "its s.d.")
+    return tabular.Table("", heads, shown.rows, decimals=3)
+
+
 def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
     """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
     for (channel, errors), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
-        shown = (f"{errors[f'rms_{m}']:.2f} ({100 * errors[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
+        models = ("simplified", "full", "searched")
+        shown = (f"{errors[f'rms_{m}']:.2f} ({100 * errors[f'ratio_{m}']:.0f} %)" for m in models)
         rows.append((f"{channel}, {unit}", errors["true_std"], *shown))
-    columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
+    columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full", "error, axes searched")
     return tabular.Table("", columns, tuple(rows), decimals=2)
 
 
@@ -103,6 +111,7 @@ def write(root: Path) -> None:
     tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
+        "tilts": table_tilts(tilted).markdown(),
         "wrench errors": table_wrench_errors(tilted).markdown(),
         "table 4": table_4(touching).markdown(),
     }

@@ -1,17 +1,25 @@
 """A simulated study: its mechanism, its recording, the models of its file identified from that, and key numbers."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Fitted, Trial, fit, measured_poses, trajectory_fit
+from experiments.data.fitting import Fitted, Trial, fit, measured_poses, searched_axes, trajectory_fit
 from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
+from ident.estimation.setup_parameters import across
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
+from ident.mechanism.recovered_axes import (
+    PARALLEL_SIGNIFICANCE,
+    Direction,
+    RecoveredAxes,
+    angle,
+    recover_axes,
+    with_axes,
+)
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
@@ -86,6 +94,7 @@ class SimulatedStudy:
     significance: float = PARALLEL_SIGNIFICANCE
     _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
     _trajectories: dict[str, Trial] = field(default_factory=dict)
+    _searched: dict[str, RecoveredAxes] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -148,23 +157,35 @@ class SimulatedStudy:
 
     def mechanism(self, model: str) -> Mechanism:
         """A model's mechanism, with its axes."""
+        if (estimated := self.estimated_axes(model)) is not None:
+            return replace(self.known, tree=estimated.tree)
+        return self.known if self.file.models[model].axes == "drawn" else replace(self.known, tree=self.problem.true)
+
+    def estimated_axes(self, model: str) -> RecoveredAxes | None:
+        """Axes of a model that are recovered or searched for, None for those that are stated."""
         axes = self.file.models[model].axes
-        trees = {
-            "drawn": lambda: self.known.tree,
-            SEARCHED: lambda: self.known.tree,
-            "recovered": lambda: self.recovered.tree,
-            "true": lambda: self.problem.true,
-        }
-        return replace(self.known, tree=trees[axes]())
+        return self.recovered if axes == "recovered" else self.searched(model) if axes == SEARCHED else None
+
+    def searched(self, model: str) -> RecoveredAxes:
+        """Axes that the trajectory estimate finds from the drawn ones, which stay if it is undetermined."""
+        if model not in self._searched:
+            recording, tree = self.problem.with_cells(self.recording, self.file.ignored(model)), self.known.tree
+            base = structural_base_parameters(self.known)
+            try:
+                self._searched[model] = searched_axes(self.known, recording, base, self.significance)
+            except (ExcitationError, np.linalg.LinAlgError):
+                drawn = [Direction(tree.bodies[i].twist[3:], np.zeros((1, 3))) for i in tree.moving]
+                self._searched[model] = with_axes(tree, drawn, self.significance)
+        return self._searched[model]
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
         """Names of base parameters that a model shares with another one; None if it shares none."""
         described = self.file.models[model]
         if described.parameters is None:
             return None
-        if described.axes == "recovered" and len(self.recovered.groups) > 1:
+        if (axes := self.estimated_axes(model)) is not None and len(axes.groups) > 1:
             raise InputError(
-                f"The recovered axes are not parallel (p = {np.nanmin(self.recovered.p_values):.1e}), but those of "
+                f"The {described.axes} axes are not parallel (p = {np.nanmin(axes.p_values):.1e}), but those of "
                 f"'{model}' need to be for the parameters of '{described.parameters}'; try another seed or less noise."
             )
         return self.base(described.parameters).names
@@ -180,10 +201,9 @@ class SimulatedStudy:
         """True if some model has recovered axes."""
         return any(model.axes == "recovered" for model in self.file.models.values())
 
-    @cached_property
-    def axis_error(self) -> np.ndarray:
+    def axis_error(self, axes: RecoveredAxes) -> np.ndarray:
         """Angle between each recovered and true axis, rad (n,)."""
-        pairs = zip(self.recovered.tree.bodies, self.problem.true.bodies, strict=True)
+        pairs = zip(axes.tree.bodies, self.problem.true.bodies, strict=True)
         return np.array([angle(estimated.twist[3:], true.twist[3:]) for estimated, true in pairs if true.moves])
 
     @cached_property
@@ -235,15 +255,24 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
             f"epsilon{suffix}": fit.estimate.epsilon,
             f"largest_error{suffix}": float(np.abs(fit.error).max()),
         }
+        if file.models[name].axes == SEARCHED:
+            of_axes = axis_errors(study, study.searched(name))
+            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in of_axes.items()}
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
-        if entry.kind == "wrench errors":
-            numbers["wrench_errors"] = wrench_errors(study, entry.models)
+        if entry.kind in BY_ROW:
+            numbers[entry.kind.replace(" ", "_")] = BY_ROW[entry.kind](study, entry.models)
     numbers |= axes(study) if study.recovers else {}
     numbers |= touches(study) if study.touching else {}
     recording = study.recording
     return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
+
+
+def axis_errors(study: SimulatedStudy, axes: RecoveredAxes) -> dict[str, float]:
+    """Largest error of estimated axes and largest standard deviation, deg."""
+    largest = {"axis_error_deg": study.axis_error(axes).max(), "axis_std_deg": max(axis.std for axis in axes.axes)}
+    return {name: float(np.degrees(x)) for name, x in largest.items()}
 
 
 def axes(study: SimulatedStudy) -> dict[str, float]:
@@ -254,8 +283,7 @@ def axes(study: SimulatedStudy) -> dict[str, float]:
     alone = [axis.vector for axis in recovered.separate]
     return {
         "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, drawn))),
-        "axis_error_deg": float(np.degrees(study.axis_error.max())),
-        "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
+        **axis_errors(study, recovered),
         "axis_difference_alone_deg": float(np.degrees(max([0.0, *(angle(alone[0], other) for other in alone[1:])]))),
         "rank_axes_apart": study.rank_apart,
         "axes_parallel_p_value": float(np.nanmin(recovered.p_values)) if len(alone) > 1 else 1.0,
@@ -288,6 +316,38 @@ def wrench_errors(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dic
 def wrench_error(study: SimulatedStudy, model: str) -> np.ndarray:
     """Recovered less true, noise-free total wrench (N, 6)."""
     return study.fit(model).predicted - study.true.values
+
+
+def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
+    """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone."""
+    tree, out = study.known.tree, dict[str, dict[str, float | None]]()
+    home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    estimated = {model: axes for model in models if (axes := study.estimated_axes(model)) is not None}
+    for j, i in enumerate(tree.moving):
+        drawn, true = (home[i] @ each.bodies[i].twist[3:] for each in (tree, study.problem.true))
+        alone = {model: axes.separate[j] for model, axes in estimated.items()}
+        for k in across(drawn):
+            row: dict[str, float | None] = {"true_deg": _tilt(drawn, true)[k]}
+            for model, axis in alone.items():
+                std = np.linalg.norm(np.cross(drawn, axis.influence)[:, k])
+                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(np.degrees(std))}
+            out[f"{tree.bodies[i].joint} about {'xyz'[k]}"] = row
+    return out
+
+
+def _tilt(drawn: np.ndarray, axis: np.ndarray) -> list[float]:
+    """Rotation vector of the smallest turn from one direction to another, deg."""
+    turn = np.cross(drawn, axis)
+    size = max(float(np.linalg.norm(turn)), STILL)
+    tilt: list[float] = np.degrees(turn * angle(drawn, axis) / size).tolist()
+    return tilt
+
+
+BY_ROW: Mapping[str, Callable[[SimulatedStudy, Sequence[str]], dict[str, dict[str, float | None]]]] = {
+    "wrench errors": wrench_errors,
+    "tilts": tilts,
+}
+"""Numbers of kinds of tables by row and column."""
 
 
 def touches(study: SimulatedStudy) -> dict[str, float]:

@@ -53,6 +53,14 @@ def test_tables_are_not_stale(name, table, study):
     np.testing.assert_allclose(shown, exact, atol=0.0051)
 
 
+def test_tilts_are_not_stale():
+    printed, table = cells(block("study.md", "tilts")), blocks.table_tilts(packaged_study("misaligned"))
+    assert printed[0] == [head.strip() for head in table.columns]
+    np.testing.assert_allclose(
+        [[float(x) for x in row[1:]] for row in printed[2:]], [row[1:] for row in table.rows], atol=5.1e-4
+    )
+
+
 def test_condition_numbers_are_not_stale():
     text = page("study.md")
     tilted, touching = packaged_study("misaligned"), packaged_study("multicontact")
@@ -68,10 +76,10 @@ def test_errors_of_the_wrench_are_not_stale():
     assert words == expected
     table = study_report.table(study, "table_wrench_errors").rows
     for row, expected in zip(printed[2:], table, strict=True):
-        std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
-        np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
-        np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
-    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in table}
+        std, *models = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
+        np.testing.assert_allclose([*std, *(rms for rms, _ in models)], expected[1:5], atol=0.0051)
+        np.testing.assert_allclose([ratio for _, ratio in models], 100 * np.array(expected[5:]), atol=0.51)
+    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _, _ in table}
     whole = np.linalg.norm(study.recording.wrench("ground").values)
     assert f"{study.fit('simplified').estimate.epsilon / whole:.1%}" == "1.5%"
     for name in ("study.md", "reproduction.md"):
