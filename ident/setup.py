@@ -217,8 +217,8 @@ SETUP: Mapping[str, SetupKind] = {
         along=("farther from the joint '{link}'", "nearer to the joint '{link}'"),
         short="another place of joint '{of}' along {axis} of its parent's frame",
         label="shift of joint {of} along {axis} of its parent's frame",
-        note="Inertias of an updated model belong to that place, which --write-geometry writes, too; with centre = 0 "
-        "under [setup] they are those that fit the model's place.",
+        note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
+        "With centre = 0 under [setup] they are those that fit the model's place.",
     ),
     "tracker_delay": SetupKind(
         std=0.05,
