@@ -46,13 +46,6 @@ def table_3(result: SimulatedStudy) -> tabular.Table:
     return tabular.Table("", *tabular.columns(**columns), decimals=2)
 
 
-def table_tilts(result: SimulatedStudy) -> tabular.Table:
-    """Tilts of the axes as they are, as poses show them, and as the search finds them."""
-    shown = study_report.table(result, "table_tilts")
-    heads = ("tilt (deg)", "true", "recovered from poses", "its s.d.", "searched for", "its s.d.")
-    return tabular.Table("", heads, shown.rows, decimals=3)
-
-
 def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
     """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
@@ -111,7 +104,7 @@ def write(root: Path) -> None:
     tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
-        "tilts": table_tilts(tilted).markdown(),
+        "tilts": study_report.table(tilted, "table_tilts").markdown(),
         "wrench errors": table_wrench_errors(tilted).markdown(),
         "table 4": table_4(touching).markdown(),
     }

@@ -12,14 +12,7 @@ from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
 from ident.estimation.setup_parameters import across
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.recovered_axes import (
-    PARALLEL_SIGNIFICANCE,
-    Direction,
-    RecoveredAxes,
-    angle,
-    recover_axes,
-    with_axes,
-)
+from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
@@ -94,7 +87,7 @@ class SimulatedStudy:
     significance: float = PARALLEL_SIGNIFICANCE
     _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
     _trajectories: dict[str, Trial] = field(default_factory=dict)
-    _searched: dict[str, RecoveredAxes] = field(default_factory=dict)
+    _searched: dict[str, RecoveredAxes | None] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -159,24 +152,19 @@ class SimulatedStudy:
         """A model's mechanism, with its axes."""
         if (estimated := self.estimated_axes(model)) is not None:
             return replace(self.known, tree=estimated.tree)
-        return self.known if self.file.models[model].axes == "drawn" else replace(self.known, tree=self.problem.true)
+        return replace(self.known, tree=self.problem.true) if self.file.models[model].axes == "true" else self.known
 
     def estimated_axes(self, model: str) -> RecoveredAxes | None:
-        """Axes of a model that are recovered or searched for, None for those that are stated."""
+        """Axes that are recovered or searched for; None for those that are stated, or that angles do not determine."""
         axes = self.file.models[model].axes
-        return self.recovered if axes == "recovered" else self.searched(model) if axes == SEARCHED else None
-
-    def searched(self, model: str) -> RecoveredAxes:
-        """Axes that the trajectory estimate finds from the drawn ones, which stay if it is undetermined."""
-        if model not in self._searched:
-            recording, tree = self.problem.with_cells(self.recording, self.file.ignored(model)), self.known.tree
+        if axes == SEARCHED and model not in self._searched:
+            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
             base = structural_base_parameters(self.known)
             try:
                 self._searched[model] = searched_axes(self.known, recording, base, self.significance)
             except (ExcitationError, np.linalg.LinAlgError):
-                drawn = [Direction(tree.bodies[i].twist[3:], np.zeros((1, 3))) for i in tree.moving]
-                self._searched[model] = with_axes(tree, drawn, self.significance)
-        return self._searched[model]
+                self._searched[model] = None
+        return self.recovered if axes == "recovered" else self._searched.get(model)
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
         """Names of base parameters that a model shares with another one; None if it shares none."""
@@ -256,8 +244,7 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
             f"largest_error{suffix}": float(np.abs(fit.error).max()),
         }
         if file.models[name].axes == SEARCHED:
-            of_axes = axis_errors(study, study.searched(name))
-            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in of_axes.items()}
+            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in axis_errors(study, name).items()}
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
@@ -269,8 +256,10 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
 
 
-def axis_errors(study: SimulatedStudy, axes: RecoveredAxes) -> dict[str, float]:
-    """Largest error of estimated axes and largest standard deviation, deg."""
+def axis_errors(study: SimulatedStudy, model: str) -> dict[str, float]:
+    """Largest error of a model's estimated axes and largest standard deviation, deg; empty without an estimate."""
+    if (axes := study.estimated_axes(model)) is None:
+        return {}
     largest = {"axis_error_deg": study.axis_error(axes).max(), "axis_std_deg": max(axis.std for axis in axes.axes)}
     return {name: float(np.degrees(x)) for name, x in largest.items()}
 
@@ -283,7 +272,8 @@ def axes(study: SimulatedStudy) -> dict[str, float]:
     alone = [axis.vector for axis in recovered.separate]
     return {
         "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, drawn))),
-        **axis_errors(study, recovered),
+        "axis_error_deg": float(np.degrees(study.axis_error(recovered).max())),
+        "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
         "axis_difference_alone_deg": float(np.degrees(max([0.0, *(angle(alone[0], other) for other in alone[1:])]))),
         "rank_axes_apart": study.rank_apart,
         "axes_parallel_p_value": float(np.nanmin(recovered.p_values)) if len(alone) > 1 else 1.0,
@@ -322,25 +312,21 @@ def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, f
     """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone."""
     tree, out = study.known.tree, dict[str, dict[str, float | None]]()
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
-    estimated = {model: axes for model in models if (axes := study.estimated_axes(model)) is not None}
     for j, i in enumerate(tree.moving):
         drawn, true = (home[i] @ each.bodies[i].twist[3:] for each in (tree, study.problem.true))
-        alone = {model: axes.separate[j] for model, axes in estimated.items()}
-        for k in across(drawn):
-            row: dict[str, float | None] = {"true_deg": _tilt(drawn, true)[k]}
-            for model, axis in alone.items():
-                std = np.linalg.norm(np.cross(drawn, axis.influence)[:, k])
-                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(np.degrees(std))}
-            out[f"{tree.bodies[i].joint} about {'xyz'[k]}"] = row
+        rows = {k: {"true_deg": _tilt(drawn, true)[k]} for k in across(drawn)}
+        for model, axis in ((model, axes.separate[j]) for model in models if (axes := study.estimated_axes(model))):
+            std = np.degrees(np.linalg.norm(np.cross(drawn, axis.influence), axis=0))
+            for k, row in rows.items():
+                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(std[k])}
+        out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": dict(row) for k, row in rows.items()}
     return out
 
 
 def _tilt(drawn: np.ndarray, axis: np.ndarray) -> list[float]:
     """Rotation vector of the smallest turn from one direction to another, deg."""
-    turn = np.cross(drawn, axis)
-    size = max(float(np.linalg.norm(turn)), STILL)
-    tilt: list[float] = np.degrees(turn * angle(drawn, axis) / size).tolist()
-    return tilt
+    turn: list[float] = (np.degrees(np.cross(drawn, axis)) / np.sinc(angle(drawn, axis) / np.pi)).tolist()
+    return turn
 
 
 BY_ROW: Mapping[str, Callable[[SimulatedStudy, Sequence[str]], dict[str, dict[str, float | None]]]] = {
