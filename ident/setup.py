@@ -202,7 +202,7 @@ SETUP: Mapping[str, SetupKind] = {
         std=math.radians(3),
         unit=ANGLE,
         of="axes",
-        sentence="The axis of joint '{of}' is tilted by {size} about {sign}{axis} of the base frame",
+        sentence="The axis of joint '{of}' is tilted by {size} about {sign}{axis} of its body's frame",
         short="a tilt of the axis of joint '{of}' about {axis}",
         label="tilt of the axis of joint {of} about {axis}",
         together="a turn of all joint axes about {axis}",
@@ -217,7 +217,8 @@ SETUP: Mapping[str, SetupKind] = {
         along=("farther from the joint '{link}'", "nearer to the joint '{link}'"),
         short="another place of joint '{of}' along {axis} of its parent's frame",
         label="shift of joint {of} along {axis} of its parent's frame",
-        note="Inertias of an updated model belong to that place; --write-geometry writes it, too.",
+        note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
+        "With centre = 0 under [setup] they are those that fit the model's place.",
     ),
     "tracker_delay": SetupKind(
         std=0.05,

@@ -9,6 +9,7 @@ from experiments.data import simulated_study
 from experiments.data.fitting import Trial
 from experiments.document import figures
 from experiments.document.writer import Plot
+from ident.errors import ExcitationError
 
 
 class Here(Executor):
@@ -49,6 +50,12 @@ def truth(mechanism, recording, base, **_):
     return Trial(base, psi, np.ones_like(psi), psi)
 
 
+def undetermined(*_, **__):
+    """Raises an error, as for a recording that does not determine all parameters."""
+    raise ExcitationError("The recording does not determine all parameters.", ())
+
+
 def use_truth(patched):
-    """Replaces the studies' trajectory estimates by the truth while a monkeypatch lasts."""
+    """Replaces the studies' trajectory estimates by the truth, and leaves axes as drawn, while a monkeypatch lasts."""
     patched.setattr(simulated_study, "trajectory_fit", truth)
+    patched.setattr(simulated_study, "searched_axes", undetermined)

@@ -136,13 +136,13 @@ def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
 
 
 def test_the_axes_are_recovered_and_not_given(study):
-    assert 0 < study.axis_error.max() < np.radians(0.05)
-    assert study.axis_error.max() < 4.5 * study.recovered.axes[0].std
+    assert 0 < study.axis_error(study.recovered).max() < np.radians(0.05)
+    assert study.axis_error(study.recovered).max() < 4.5 * study.recovered.axes[0].std
     assert study.rank_apart == 15
 
 
 def test_without_noise_the_full_model_is_exact(noise_free):
-    assert noise_free.axis_error.max() < 1e-9
+    assert noise_free.axis_error(noise_free.recovered).max() < 1e-9
     assert abs(noise_free.fit("full_on_table").error).max() < 1e-6
     assert abs(noise_free.fit("full").error).max() < 1e-6
 

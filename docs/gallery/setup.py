@@ -71,7 +71,8 @@ figure.legend(loc="outside lower center", ncols=2)
 
 # ## Where joints lie
 #
-# Joints that lie elsewhere than in the model, found to a tenth of a millimetre where poses of the tool show it.
+# Places of joints that are not the model's, and with one the upper arm's length, found to a tenth of a millimetre where
+# poses of the tool show them; the forearm, about which the wrist turns, does not show its length.
 
 arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
 rng, time, stated = np.random.default_rng(5), np.arange(600) / 100, 2e-3
@@ -103,13 +104,14 @@ inside = np.abs(value - [true[name] for name in names]) < 1.96 * std
 print(f"{inside.sum()} of {len(names)} intervals contain the truth, {np.sum(std < 1e-4)} known to 0.1 mm")
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
-figure.suptitle("Displacements of an arm's joints, from torques and poses of its tool")
-rows, factor = np.arange(len(names)), 1e3
-panel.axvspan(-1.96 * factor * stated, 1.96 * factor * stated, color="0.93", label="95 % as stated")
+figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
+rows, factor, half = np.arange(len(names)), 1e3, 1.96 * 1e3 * stated
+panel.barh(rows, 2 * half, left=-half, height=0.6, color="0.92", label="95 % as stated")
 panel.errorbar(factor * value, rows, xerr=1.96 * factor * std, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
-panel.plot([factor * true[name] for name in names], rows, "x", color="C1", mew=2, label="truth")
-panel.set_yticks(rows, [name[7:].replace("(", " of ").rstrip(")") for name in names])
-panel.set_xlabel("displacement along an axis of the parent's frame (mm)")
+panel.plot([factor * true[name] for name in names], rows, "x", color="C1", mew=2, zorder=3, label="truth")
+lengths = {"centre_x(elbow)": "length of the upper arm", "centre_x(wrist)": "length of the forearm"}
+panel.set_yticks(rows, [lengths.get(name, name[7:].replace("(", " of ").rstrip(")")) for name in names])
+panel.set(xlabel="displacement along an axis of the parent's frame (mm)", xlim=(-1.2 * half, 1.2 * half))
 figure.legend(loc="outside lower center", ncols=3)
 
 # ## Friction at reversals

@@ -13,7 +13,7 @@ from typing import Any
 
 from docs.tools import benchmark, drawings
 from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture, standalone
-from experiments.data.simulated_study import SimulatedStudy, summary
+from experiments.data.simulated_study import SimulatedStudy
 from experiments.data.validation import WORSE, Study, inside
 from experiments.document import figures, result_folder, symbols, tabular
 from experiments.reports import study_report
@@ -44,16 +44,6 @@ def table_3(result: SimulatedStudy) -> tabular.Table:
         }
     columns["axes searched, trajectory"] = by_name["trajectory_error_searched"]
     return tabular.Table("", *tabular.columns(**columns), decimals=2)
-
-
-def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
-    """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
-    rows = []
-    for (channel, errors), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
-        shown = (f"{errors[f'rms_{m}']:.2f} ({100 * errors[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
-        rows.append((f"{channel}, {unit}", errors["true_std"], *shown))
-    columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
-    return tabular.Table("", columns, tuple(rows), decimals=2)
 
 
 def table_4(result: SimulatedStudy) -> tabular.Table:
@@ -103,7 +93,8 @@ def write(root: Path) -> None:
     tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
-        "wrench errors": table_wrench_errors(tilted).markdown(),
+        "tilts": study_report.table(tilted, "table_tilts").markdown(),
+        "wrench errors": study_report.table(tilted, "table_wrench_errors").markdown(),
         "table 4": table_4(touching).markdown(),
     }
     _replace_blocks(docs / "study.md", tables)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
@@ -12,6 +13,7 @@ from ident.identification import identified
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.mechanism.recovered_axes import Direction, RecoveredAxes, check_revolute, with_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.recordings.recording import STATES, Recording
@@ -173,7 +175,15 @@ def fit(
 def trajectory_fit(
     mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
 ) -> Trial:
-    """Base parameters of one model by the trajectory estimate, from joint angles and wrenches alone.
+    """Base parameters of one model by the trajectory estimate, arguments and errors as for `trajectory_estimate`."""
+    estimate = trajectory_estimate(mechanism, recording, base, searched=searched)
+    return Trial(base, estimate.psi, estimate.std_setup, base.regroup(mechanism.known))
+
+
+def trajectory_estimate(
+    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool
+) -> Estimate:
+    """Trajectory estimate of one model, from joint angles and wrenches alone.
 
     φ has no prior, and the set-up is as stated.
 
@@ -194,7 +204,31 @@ def trajectory_fit(
     estimate = identified(log, offsets=False, holdout=0, setup=setup, known=False)
     if estimate.trajectory is not None and estimate.trajectory.fit.status == "interrupted":
         raise KeyboardInterrupt
-    return Trial(base, estimate.psi, estimate.std, base.regroup(mechanism.known))
+    return estimate
+
+
+def searched_axes(
+    mechanism: Mechanism, recording: Recording, base: BaseParameters, significance: float
+) -> RecoveredAxes:
+    """Joint axes as the trajectory estimate tilts them; those that may be parallel get a common direction.
+
+    Arguments and errors are those of `trajectory_estimate`, and the significance of `with_axes`.
+    """
+    check_revolute(mechanism.tree)
+    estimate = trajectory_estimate(mechanism, recording, base, searched=True)
+    assert estimate.trajectory is not None
+    measurement, fit = estimate.trajectory.measurement, estimate.trajectory.fit
+    tree = measurement.corrected_tree(fit.theta)
+    values, vectors = np.linalg.eigh(fit.covariance)
+    root = (vectors * np.sqrt(np.maximum(values, 0))).T
+    # Tests count the rows of an influence as samples.
+    root = np.vstack([root, np.zeros((max(len(recording.time) - len(root), 0), len(root)))])
+    alone = []
+    for direction, joint in ((tree.bodies[i].twist[3:], tree.bodies[i].joint) for i in tree.moving):
+        tilts = {axis: at for axis, at in measurement.of_kind("axis", joint).items() if axis is not None}
+        turned = np.cross(np.eye(3)[list(tilts)], direction)
+        alone.append(Direction(direction, root[:, list(tilts.values())] @ turned))
+    return with_axes(mechanism.tree, alone, significance)
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

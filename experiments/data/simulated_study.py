@@ -1,15 +1,16 @@
 """A simulated study: its mechanism, its recording, the models of its file identified from that, and key numbers."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Fitted, Trial, fit, measured_poses, trajectory_fit
+from experiments.data.fitting import Fitted, Trial, fit, measured_poses, searched_axes, trajectory_fit
 from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
+from ident.estimation.setup_parameters import across
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
@@ -87,6 +88,7 @@ class SimulatedStudy:
     significance: float = PARALLEL_SIGNIFICANCE
     _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
     _trajectories: dict[str, Trial] = field(default_factory=dict)
+    _searched: dict[str, RecoveredAxes | None] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -149,23 +151,30 @@ class SimulatedStudy:
 
     def mechanism(self, model: str) -> Mechanism:
         """A model's mechanism, with its axes."""
+        if (estimated := self.estimated_axes(model)) is not None:
+            return replace(self.known, tree=estimated.tree)
+        return replace(self.known, tree=self.problem.true) if self.file.models[model].axes == "true" else self.known
+
+    def estimated_axes(self, model: str) -> RecoveredAxes | None:
+        """Axes that are recovered or searched for; None for those that are stated, or that angles do not determine."""
         axes = self.file.models[model].axes
-        trees = {
-            "drawn": lambda: self.known.tree,
-            SEARCHED: lambda: self.known.tree,
-            "recovered": lambda: self.recovered.tree,
-            "true": lambda: self.problem.true,
-        }
-        return replace(self.known, tree=trees[axes]())
+        if axes == SEARCHED and model not in self._searched:
+            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
+            base = structural_base_parameters(self.known)
+            try:
+                self._searched[model] = searched_axes(self.known, recording, base, self.significance)
+            except (ExcitationError, np.linalg.LinAlgError):
+                self._searched[model] = None
+        return self.recovered if axes == "recovered" else self._searched.get(model)
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
         """Names of base parameters that a model shares with another one; None if it shares none."""
         described = self.file.models[model]
         if described.parameters is None:
             return None
-        if described.axes == "recovered" and len(self.recovered.groups) > 1:
+        if (axes := self.estimated_axes(model)) is not None and len(axes.groups) > 1:
             raise InputError(
-                f"The recovered axes are not parallel (p = {np.nanmin(self.recovered.p_values):.1e}), but those of "
+                f"The {described.axes} axes are not parallel (p = {np.nanmin(axes.p_values):.1e}), but those of "
                 f"'{model}' need to be for the parameters of '{described.parameters}'; try another seed or less noise."
             )
         return self.base(described.parameters).names
@@ -181,10 +190,9 @@ class SimulatedStudy:
         """True if some model has recovered axes."""
         return any(model.axes == "recovered" for model in self.file.models.values())
 
-    @cached_property
-    def axis_error(self) -> np.ndarray:
+    def axis_error(self, axes: RecoveredAxes) -> np.ndarray:
         """Angle between each recovered and true axis, rad (n,)."""
-        pairs = zip(self.recovered.tree.bodies, self.problem.true.bodies, strict=True)
+        pairs = zip(axes.tree.bodies, self.problem.true.bodies, strict=True)
         return np.array([angle(estimated.twist[3:], true.twist[3:]) for estimated, true in pairs if true.moves])
 
     @cached_property
@@ -233,15 +241,25 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
             f"epsilon{suffix}": fit.estimate.epsilon,
             f"largest_error{suffix}": float(np.abs(fit.error).max()),
         }
+        if file.models[name].axes == SEARCHED:
+            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in axis_errors(study, name).items()}
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
-        if entry.kind == "wrench errors":
-            numbers["wrench_errors"] = wrench_errors(study, entry.models)
+        if entry.kind in BY_ROW:
+            numbers[entry.kind.replace(" ", "_")] = BY_ROW[entry.kind](study, entry.models)
     numbers |= axes(study) if study.recovers else {}
     numbers |= touches(study) if study.touching else {}
     recording = study.recording
     return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
+
+
+def axis_errors(study: SimulatedStudy, model: str) -> dict[str, float]:
+    """Largest error of a model's estimated axes and largest standard deviation, deg; empty without an estimate."""
+    if (axes := study.estimated_axes(model)) is None:
+        return {}
+    largest = {"axis_error_deg": study.axis_error(axes).max(), "axis_std_deg": max(axis.std for axis in axes.axes)}
+    return {name: float(np.degrees(x)) for name, x in largest.items()}
 
 
 def axes(study: SimulatedStudy) -> dict[str, float]:
@@ -252,7 +270,7 @@ def axes(study: SimulatedStudy) -> dict[str, float]:
     alone = [axis.vector for axis in recovered.separate]
     return {
         "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, drawn))),
-        "axis_error_deg": float(np.degrees(study.axis_error.max())),
+        "axis_error_deg": float(np.degrees(study.axis_error(recovered).max())),
         "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
         "axis_difference_alone_deg": float(np.degrees(max([0.0, *(angle(alone[0], other) for other in alone[1:])]))),
         "rank_axes_apart": study.rank_apart,
@@ -286,6 +304,34 @@ def wrench_errors(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dic
 def wrench_error(study: SimulatedStudy, model: str) -> np.ndarray:
     """Recovered less true, noise-free total wrench (N, 6)."""
     return study.fit(model).predicted - study.true.values
+
+
+def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
+    """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone."""
+    tree, out = study.known.tree, dict[str, dict[str, float | None]]()
+    home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    for j, i in enumerate(tree.moving):
+        drawn, true = (home[i] @ each.bodies[i].twist[3:] for each in (tree, study.problem.true))
+        rows = {k: {"true_deg": _tilt(drawn, true)[k]} for k in across(drawn)}
+        for model, axis in ((model, axes.separate[j]) for model in models if (axes := study.estimated_axes(model))):
+            std = np.degrees(np.linalg.norm(np.cross(drawn, axis.influence), axis=0))
+            for k, row in rows.items():
+                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(std[k])}
+        out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": dict(row) for k, row in rows.items()}
+    return out
+
+
+def _tilt(drawn: np.ndarray, axis: np.ndarray) -> list[float]:
+    """Rotation vector of the smallest turn from one direction to another, deg."""
+    turn: list[float] = (np.degrees(np.cross(drawn, axis)) / np.sinc(angle(drawn, axis) / np.pi)).tolist()
+    return turn
+
+
+BY_ROW: Mapping[str, Callable[[SimulatedStudy, Sequence[str]], dict[str, dict[str, float | None]]]] = {
+    "wrench errors": wrench_errors,
+    "tilts": tilts,
+}
+"""Numbers of kinds of tables by row and column."""
 
 
 def touches(study: SimulatedStudy) -> dict[str, float]:

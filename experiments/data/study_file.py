@@ -25,6 +25,9 @@ SEARCHED = "searched"
 AXES = ("drawn", "recovered", "true", SEARCHED)
 """Joint axes of a model: as the scene draws them, recovered from measured poses, tilted, or searched for."""
 
+ESTIMATED = ("recovered", SEARCHED)
+"""Those that are estimated."""
+
 ALL = ("all",)
 """Ignored contacts of a model that includes none."""
 
@@ -133,7 +136,7 @@ class Display:
         marked: Parameters that an asterisk marks.
         footnote: Text at the asterisk.
         decimals: Decimals of all numbers; None for those of the standard deviations.
-        models: Models of a table of wrench errors.
+        models: Models of a table of wrench errors or of tilts.
         curves: What each curve of a figure shows, by its name in the legend.
     """
 
@@ -251,6 +254,7 @@ QUANTITIES = (
 TABLES = {
     "parameters": ("groups", "marked", "footnote", "decimals"),
     "wrench errors": ("models", "decimals"),
+    "tilts": ("models", "decimals"),
     "contacts": ("decimals",),
 }
 """Entries of each kind of table, beside `kind` and `caption`."""
@@ -262,6 +266,7 @@ WRENCHES = ("true", "measured", "ground")
 """Curves of wrenches besides those of models: the true and the measured total, and the ground's."""
 
 ERRORS = "RMS errors of the recovered wrench, and their ratio to the s.d. of the true, noise-free one"
+TILTS = "Tilts of the joint axes about axes of the base frame, and their standard deviations, each joint alone"
 EPISODES = "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force"
 """Captions of tables."""
 
@@ -277,6 +282,7 @@ def usual(models: Mapping[str, StudyModel], main: str | None) -> tuple[Entries, 
     tables: Entries = {
         "parameters": {"caption": ""},
         "wrench errors": {"caption": ERRORS, "models": list(own.values())},
+        "tilts": {"caption": TILTS, "models": [name for name, model in models.items() if model.axes in ESTIMATED]},
         "contacts": {"caption": EPISODES},
     }
     figures: Entries = {

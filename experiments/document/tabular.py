@@ -310,7 +310,7 @@ class Table:
 
 _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",
-    r"_(simplified|full|joint|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
+    r"_(simplified|full|searched|joint|paper|scene|weighted|ignoring|relative|updated_model)(?=$| \()": r", \1",
     "^paper_": "paper's ",
     r"^(condition_number|rank|rows|epsilon|largest_error)_(?!of_)": r"\1, ",
     r"(?<![^_ ])std(?![^_, ])": "s.d.",

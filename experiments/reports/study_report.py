@@ -15,12 +15,13 @@ from experiments.data.simulated_study import (
     CHANNELS,
     SimulatedStudy,
     axes,
+    axis_errors,
     summary,
     touches,
     trajectory_summary,
     wrench_error,
 )
-from experiments.data.study_file import Display, estimator_of
+from experiments.data.study_file import ESTIMATED, Display, estimator_of
 from experiments.document import figures, tabular
 from experiments.document.figures import INKS
 from experiments.document.replay import Replay, every_nth
@@ -177,8 +178,8 @@ RECORDING = "recording.npz"
 def table(study: SimulatedStudy, name: str) -> tabular.Table:
     """A table of the study by file name."""
     entry = study.file.tables[name]
-    kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
-    return kinds[entry.kind](study, entry)
+    kinds = {"parameters": parameters, "contacts": contacts}
+    return kinds.get(entry.kind, by_row)(study, entry)
 
 
 def parameters(study: SimulatedStudy, entry: Display) -> tabular.Table:
@@ -216,8 +217,8 @@ def _beside_paper(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) ->
 
 
 def sums(study: SimulatedStudy, model: str) -> tuple[str, ...]:
-    """Base parameters of a model as sums; recovered axes have no more than four digits."""
-    digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
+    """Base parameters of a model as sums; estimated axes have no more than four digits."""
+    digits = {"digits": 4} if study.file.models[model].axes in ESTIMATED else {}
     return study.fit(model).base.expressions(**digits)
 
 
@@ -282,13 +283,13 @@ def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[s
     return notes
 
 
-def wrench_errors(study: SimulatedStudy, entry: Display) -> tabular.Table:
-    """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
-    errors = simulated_study.wrench_errors(study, entry.models)
-    columns = ("channel", *next(iter(errors.values())))
-    rows = [(channel, *numbers.values()) for channel, numbers in errors.items()]
-    title = f"{entry.caption}, N and N m"
-    return tabular.Table(title, columns, rows, entry.fixed_decimals, caption=entry.caption, units=UNITS)
+def by_row(study: SimulatedStudy, entry: Display) -> tabular.Table:
+    """RMS errors of the recovered wrenches by channel, and their ratios to its s.d.; or tilts of axes by joint."""
+    head, unit, units = ("channel", ", N and N m", UNITS) if entry.kind == "wrench errors" else ("tilt", "", ())
+    numbers = simulated_study.BY_ROW[entry.kind](study, entry.models)
+    columns = (head, *next(iter(numbers.values())))
+    rows = [(name, *own.values()) for name, own in numbers.items()]
+    return tabular.Table(entry.caption + unit, columns, rows, entry.fixed_decimals, caption=entry.caption, units=units)
 
 
 def contacts(study: SimulatedStudy, entry: Display) -> tabular.Table:
@@ -311,7 +312,7 @@ OUTPUTS = (*RESULTS, RECORDING)
 def lines(study: SimulatedStudy) -> list[str]:
     """Sentences with the main numbers."""
     errors = {model.title: [*_errors(study, name)] for name, model in study.file.models.items()}
-    return sentences("study.txt", study=study, errors=errors, axes=axes, touches=touches)
+    return sentences("study.txt", study=study, errors=errors, axes=axes, axis_errors=axis_errors, touches=touches)
 
 
 def _errors(study: SimulatedStudy, name: str) -> Iterator[str]:

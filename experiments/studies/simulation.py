@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.data.fitting import TRAJECTORY, Distribution
 from experiments.data.simulated_study import SimulatedStudy, StudyProblem, summary
-from experiments.data.study_file import StudyFile
+from experiments.data.study_file import SEARCHED, StudyFile
 from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.study_entries import packaged
 from ident.errors import InputError
@@ -260,7 +260,7 @@ def simulated(file: StudyFile) -> SimulatedStudy:
     study = SimulatedStudy(StudyProblem.of(file), recording)
     for name, model in file.models.items():
         for estimator in model.estimators:
-            if estimator != "trajectory":
+            if estimator != "trajectory" and model.axes != SEARCHED:
                 study.fit(name, estimator)
     return study
 

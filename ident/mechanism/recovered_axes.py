@@ -1,7 +1,7 @@
 """Joint axes from measured link poses (Section VI: "recover the true axis of rotation given kinematic data")."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -179,25 +179,47 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
         ModelError: A joint is not revolute.
         InputError: A joint hardly moves.
     """
-    home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    check_revolute(tree)
     screws = [_joint_screw(tree, poses, i) for i in tree.moving]
-    separate = [screw.axis.turned(home[i]) for i, screw in zip(tree.moving, screws, strict=True)]
+    axes = with_axes(tree, [screw.axis for screw in screws], significance)
+    return replace(axes, points=np.array([screw.point for screw in screws]))
+
+
+def check_revolute(tree: Tree) -> None:
+    """Refuses joints that do more than turn about one axis.
+
+    Raises:
+        ModelError: A joint is not revolute.
+    """
+    for body in (tree.bodies[i] for i in tree.moving):
+        if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > SAME_DIRECTION:
+            raise ModelError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
+
+
+def with_axes(tree: Tree, alone: Sequence[Direction], significance: float) -> RecoveredAxes:
+    """Axes of a mechanism by those of its joints alone, through the design's points.
+
+    Args:
+        tree: The design.
+        alone: Axis of each joint, in the frame of its body (n,).
+        significance: Probability of separating truly parallel axes; 1 keeps every axis separate.
+    """
+    home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    separate = [axis.turned(home[i]) for i, axis in zip(tree.moving, alone, strict=True)]
     p_values, groups = _parallel(tree, separate, significance)
     axes = list(separate)
     for group in (each for each in groups if len(each) > 1):
         common = common_direction([separate[j] for j in group])
         for j in group:
             axes[j] = common.along(separate[j])
-    twists = []
-    for i, axis in zip(tree.moving, axes, strict=True):
-        # The design's axis passes through ω × v; the recovered one is laid through the same point.
-        turned, design = home[i].T @ axis.vector, tree.bodies[i].twist
-        twists.append(np.r_[np.cross(np.cross(design[3:], design[:3]), turned), turned])
+    design = np.array([tree.bodies[i].twist for i in tree.moving])
+    points = np.cross(design[:, 3:], design[:, :3])
+    turned = np.array([home[i].T @ axis.vector for i, axis in zip(tree.moving, axes, strict=True)])
     return RecoveredAxes(
-        tree=tree.with_twists(np.array(twists)),
+        tree=tree.with_twists(np.hstack([np.cross(points, turned), turned])),
         axes=tuple(axes),
         separate=tuple(separate),
-        points=np.array([screw.point for screw in screws]),
+        points=points,
         p_values=p_values,
         groups=tuple(map(tuple, groups)),
     )
@@ -219,8 +241,6 @@ def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) ->
 
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
     body = tree.bodies[i]
-    if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
-        raise ModelError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
     parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
     try:
         return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])

@@ -53,6 +53,16 @@ def test_tables_are_not_stale(name, table, study):
     np.testing.assert_allclose(shown, exact, atol=0.0051)
 
 
+@pytest.mark.parametrize(("name", "table"), [("tilts", "table_tilts"), ("wrench errors", "table_wrench_errors")])
+def test_tables_of_the_study_are_not_stale(name, table):
+    printed, fresh = cells(block("study.md", name)), study_report.table(packaged_study("misaligned"), table)
+    # Title, heads and their rule, before the rows with names and perhaps units.
+    assert printed[:4] == cells(fresh.markdown())[:4]
+    width = len(fresh.columns) - 1
+    shown = [[float(x) for x in row[-width:]] for row in printed[4:]]
+    np.testing.assert_allclose(shown, [row[1:] for row in fresh.rows], atol=5.1e-4)
+
+
 def test_condition_numbers_are_not_stale():
     text = page("study.md")
     tilted, touching = packaged_study("misaligned"), packaged_study("multicontact")
@@ -61,17 +71,10 @@ def test_condition_numbers_are_not_stale():
         assert f"{fit.estimate.condition_number:.1f} (paper {published})" in text.replace("\n", " ")
 
 
-def test_errors_of_the_wrench_are_not_stale():
+def test_errors_of_the_wrench_are_quoted():
     study = packaged_study("misaligned")
-    printed, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
-    words, expected = ([re.sub(r"[\d.]+", "#", cell) for row in x for cell in row] for x in (printed, fresh))
-    assert words == expected
     table = study_report.table(study, "table_wrench_errors").rows
-    for row, expected in zip(printed[2:], table, strict=True):
-        std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
-        np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
-        np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
-    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in table}
+    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _, _ in table}
     whole = np.linalg.norm(study.recording.wrench("ground").values)
     assert f"{study.fit('simplified').estimate.epsilon / whole:.1%}" == "1.5%"
     for name in ("study.md", "reproduction.md"):
