@@ -192,7 +192,7 @@ def check_revolute(tree: Tree) -> None:
         ModelError: A joint is not revolute.
     """
     for body in (tree.bodies[i] for i in tree.moving):
-        if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > SAME_DIRECTION:
+        if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
             raise ModelError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
 
 
