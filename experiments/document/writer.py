@@ -3,10 +3,10 @@
 import base64
 import hashlib
 import json
-import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from html import escape
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from jinja2.filters import do_mark_safe
 
 from experiments.document import print_table, symbols
@@ -128,12 +129,9 @@ class Document:
 
     def __or__(self, more: "Document") -> "Document":
         """The document with the tables, figures and numbers of another one."""
-        return replace(
-            self,
-            tables={**self.tables, **more.tables},
-            figures={**self.figures, **more.figures},
-            numbers={**self.numbers, **more.numbers},
-        )
+        parts = ("tables", "figures", "numbers")
+        both: dict[str, Any] = {part: {**getattr(self, part), **getattr(more, part)} for part in parts}
+        return replace(self, **both)
 
     def text(self) -> str:
         """Text for the terminal."""
@@ -180,13 +178,21 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
     return environment().get_template(template).render(**given, **values)
 
 
+class _Compiled(FileSystemBytecodeCache):
+    """Compiled templates in the folder of Python's own bytecode, if that can be written."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keeps a compiled template."""
+        if not sys.dont_write_bytecode:
+            with suppress(OSError):
+                super().dump_bytecode(bucket)
+
+
 @cache
 def environment() -> Environment:
-    """The templates; they are compiled once, into the folder of Python's own bytecode if that can be written."""
-    folder = Path(cache_from_source(__file__)).parent
-    kept = os.access(folder, os.W_OK) and not sys.dont_write_bytecode
+    """The templates, compiled once."""
     environment = Environment(
-        bytecode_cache=FileSystemBytecodeCache(str(folder), f"%s.{__version__}.jinja") if kept else None,
+        bytecode_cache=_Compiled(str(Path(cache_from_source(__file__)).parent), f"%s.{__version__}.jinja"),
         loader=PackageLoader("experiments.document"),
         autoescape=lambda name: not (name or "").endswith(".txt"),
         undefined=StrictUndefined,

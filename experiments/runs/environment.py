@@ -86,7 +86,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 GARBAGE = 1_000_000
 """New objects after which Python looks for garbage cycles. Recorded equations and imported libraries are many small
-objects that stay; at the usual rate, scanning them takes a twentieth of a short command's time."""
+objects that stay: scanning them takes a twentieth of a short command's time, which makes fewer than so many."""
 
 
 @contextmanager
@@ -120,6 +120,5 @@ def one_thread_each() -> bool:
 
 def seldom_collected() -> None:
     """Makes garbage collection of this process rarer, and skips it at the end, a tenth of a short command's time."""
-    now, *older = gc.get_threshold()
-    gc.set_threshold(now and max(now, GARBAGE), *older)
+    gc.set_threshold(GARBAGE)
     atexit.register(gc.freeze)
