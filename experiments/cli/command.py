@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import experiments.__main__
 from experiments.cli import running
-from experiments.runs.environment import end_at_once
+from experiments.runs.environment import seldom_collected
 from ident.arguments import near
 
 NAMES = (
@@ -63,5 +63,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser())
-    end_at_once()
+    seldom_collected()
     return running.run(run, parser, argv)

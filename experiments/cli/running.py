@@ -17,15 +17,7 @@ from typing import Any
 
 import ident
 from experiments.cli import options
-from experiments.runs.environment import (
-    ENDING,
-    GRACE,
-    default_variables,
-    end_at_once,
-    ended_after,
-    environment,
-    seldom_collected,
-)
+from experiments.runs.environment import ENDING, GRACE, default_variables, ended_after, environment, seldom_collected
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -52,7 +44,7 @@ def command(
     make_parser = partial(options.parser, name, description, rows, epilog)
     entry = partial(run, study, make_parser)
     if module == "__main__":
-        end_at_once()
+        seldom_collected()
         sys.exit(entry())
     return make_parser, entry
 
@@ -91,7 +83,7 @@ def _run(study: Study, parser: argparse.ArgumentParser, argv: Sequence[str] | No
     given = parser.parse_args(argv)
     variables = environment(default_variables())
     interrupted = f"{parser.prog}: interrupted; every file is whole."
-    with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
+    with variables, _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
             with _without_log(), _its_consequences(asked):
                 study(given)

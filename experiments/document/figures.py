@@ -154,8 +154,7 @@ def drawn(figure: Figure, extension: str) -> bytes:
         # memory: if writing fails, matplotlib's backends raise errors that do not name the disk.
         file = io.BytesIO()
         # Vector backends leave a dpi of 72 behind.
-        dpi = mpl.rcParams["savefig.dpi"]
-        figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
+        figure.dpi = mpl.rcParams["savefig.dpi"]
         canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
         figure.set_canvas(pixels)

@@ -4,14 +4,18 @@ import base64
 import hashlib
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from html import escape
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from jinja2.filters import do_mark_safe
 
 from experiments.document import print_table, symbols
@@ -20,6 +24,7 @@ from experiments.document.result_folder import OUTPUTS, results_folder, write_js
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Table
 from experiments.document.terminal import wrapped
+from ident import __version__
 from ident.files.atomic import replacing
 from ident.judgement.finding import Finding, line_of
 from ident.judgement.verdict import Verdict
@@ -124,12 +129,9 @@ class Document:
 
     def __or__(self, more: "Document") -> "Document":
         """The document with the tables, figures and numbers of another one."""
-        return replace(
-            self,
-            tables={**self.tables, **more.tables},
-            figures={**self.figures, **more.figures},
-            numbers={**self.numbers, **more.numbers},
-        )
+        parts = ("tables", "figures", "numbers")
+        both: dict[str, Any] = {part: {**getattr(self, part), **getattr(more, part)} for part in parts}
+        return replace(self, **both)
 
     def text(self) -> str:
         """Text for the terminal."""
@@ -176,10 +178,21 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
     return environment().get_template(template).render(**given, **values)
 
 
+class _Compiled(FileSystemBytecodeCache):
+    """Compiled templates in the folder of Python's own bytecode, if that can be written."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keeps a compiled template."""
+        if not sys.dont_write_bytecode:
+            with suppress(OSError):
+                super().dump_bytecode(bucket)
+
+
 @cache
 def environment() -> Environment:
-    """The templates; they are compiled at first use, which takes as long as filling them."""
+    """The templates, compiled once."""
     environment = Environment(
+        bytecode_cache=_Compiled(str(Path(cache_from_source(__file__)).parent), f"%s.{__version__}.jinja"),
         loader=PackageLoader("experiments.document"),
         autoescape=lambda name: not (name or "").endswith(".txt"),
         undefined=StrictUndefined,
@@ -250,6 +263,11 @@ def write(
         then: What to do next, in a sentence.
         verbose: True to print the longer text.
     """
+    if out.formats:
+        from matplotlib import artist as artists
+
+        # Lists of settings in docstrings take a third of the import of matplotlib's classes; no command shows them.
+        artists.kwdoc = lambda artist: ""
     written(document, out, stale=stale, inputs=inputs)
     print((verbose and document.verbose) or document.text())
     end(document, out, then)

@@ -84,9 +84,9 @@ def held_back() -> Iterator[None]:
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that limit the threads of linear algebra."""
 
-GARBAGE = 100_000
+GARBAGE = 1_000_000
 """New objects after which Python looks for garbage cycles. Recorded equations and imported libraries are many small
-objects that stay; at the usual rate, scanning them takes a twentieth of a short command's time."""
+objects that stay: scanning them takes a twentieth of a short command's time, which makes fewer than so many."""
 
 
 @contextmanager
@@ -118,17 +118,7 @@ def one_thread_each() -> bool:
     return {os.environ[name] for name in THREADS if name in os.environ} == {"1"}
 
 
-@contextmanager
-def seldom_collected() -> Iterator[None]:
-    """Makes garbage collection rarer for the duration of a block."""
-    before = gc.get_threshold()
-    gc.set_threshold(before[0] and max(before[0], GARBAGE))
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
-
-
-def end_at_once() -> None:
-    """Skips the garbage collection at the end of the process, which takes a tenth of a short command."""
+def seldom_collected() -> None:
+    """Makes garbage collection of this process rarer, and skips it at the end, a tenth of a short command's time."""
+    gc.set_threshold(GARBAGE)
     atexit.register(gc.freeze)

@@ -292,7 +292,8 @@ class Processes(ThreadPoolExecutor):
 
 def _serve(connection: Connection) -> None:
     """Runs incoming tasks until the connection ends with the parent."""
-    with suppress(EOFError, OSError), seldom_collected():
+    seldom_collected()
+    with suppress(EOFError, OSError):
         while True:
             task = connection.recv_bytes()
             try:

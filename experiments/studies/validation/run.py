@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry, StatedValue
 from experiments.studies.user_files import prepare, read_mechanism
 from experiments.studies.validation.files import checked, columns_file, convert, converted
-from experiments.studies.validation.peers import compared
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit
@@ -178,6 +177,8 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
         _check_parameters(entry, values(estimate)["names"])
         made = results(estimate)
         if peers:
+            from experiments.studies.validation.peers import compared
+
             judges = [_prepared(entry, paths, log) for log in entry.judged]
             logs = [[paths[name] for name in log] for log in entry.fitted]
             made["peers"] = compared(paths[entry.model], estimate, judges, logs)
