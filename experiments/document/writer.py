@@ -263,11 +263,6 @@ def write(
         then: What to do next, in a sentence.
         verbose: True to print the longer text.
     """
-    if out.formats:
-        from matplotlib import artist as artists
-
-        # Lists of settings in docstrings take a third of the import of matplotlib's classes; no command shows them.
-        artists.kwdoc = lambda artist: ""
     written(document, out, stale=stale, inputs=inputs)
     print((verbose and document.verbose) or document.text())
     end(document, out, then)
