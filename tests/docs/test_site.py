@@ -22,7 +22,7 @@ pytestmark = [
 
 EXPECTED = {
     "paper": (r"Ixz2 +-2\.\d+ &lt;- wrong", r"ignored: largest error \d", r"error: simplified 2\.\d+, full 0\.0\d"),
-    "arm": (r"is 1[12]\.\d+ ± \d\.\d+ ms late", "Usable to predict", r"fore: 2\.00 kg .*, 2\.[78]\d kg identified"),
+    "arm": (r"is 1[12]\.\d+ ± 0\.\d+ ms late", "Usable to predict", r"fore: 2\.00 kg .*, 2\.[78]\d kg identified"),
     "servo": (r"Servo\(kp=80\.0", r"Fc\(lift\): (1\.0|0\.9)\d+ ± 0\.\d+, true 1\.000", r"Ia\(bend\): 0\.0[45]"),
     "gripper": ("29 of 70", "Usable to predict wrenches", r"gripper: 0\.8[12]\d+ ± 0\.00\d+ kg, true 0\.8200 kg"),
     "person": (
