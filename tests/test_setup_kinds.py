@@ -59,7 +59,8 @@ def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, wor
     other = {"farther from": "nearer to", "nearer to": "farther from"}[words]
     assert words not in sentence(each, -0.0123, 0.0011) and other in sentence(each, -0.0123, 0.0011)
     fit = SimpleNamespace(names=[each.name], covariance=np.eye(1) * 0.0011**2, theta=np.array([0.0123]))
-    (finding,) = setup_findings(SimpleNamespace(fit=fit, deviations=(Deviation(0, ()),), setup={0: each}))
+    own = {"deviations": (Deviation(0, ()),), "setup": {0: each}, "std_setup": np.array([0.0011])}
+    (finding,) = setup_findings(SimpleNamespace(fit=fit, **own))
     assert finding.text.startswith(start)
 
 

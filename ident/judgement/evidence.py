@@ -128,10 +128,7 @@ class Evidence:
         if self.trajectory is None:
             return self.fit.covariance
         m = len(self.fit.names)
-        added = self.trajectory.covariance_of_setup[:m, :m].copy()
-        # Variances may be negative by rounding.
-        np.fill_diagonal(added, np.maximum(np.diag(added), 0))
-        return self.fit.covariance + added
+        return self.fit.covariance + self.trajectory.covariance_of_setup[:m, :m]
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,10 @@ from ident.trajectory.result import TrajectoryEstimate
 
 WORDS = 7
 """Largest number of words in a title."""
+
+MOSTLY_SETUP = 2.0
+"""Standard deviation of a set-up error over that from noise alone, above which its sentence has both: a tilt that is
+clear against the noise may look doubtful beside a sensor that may be turned."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,7 @@ class SetupFinding:
     Attributes:
         name: Name of the set-up parameter.
         value: Its estimate, in SI units and radians.
-        std: Its standard deviation.
+        std: Its standard deviation, with what else of the set-up is uncertain.
         kind: Kind of the set-up parameter.
         values: Numbers and names of its sentence.
         alternatives: Names of other causes that the data cannot distinguish from it.
@@ -217,11 +221,12 @@ class SetupFinding:
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     """Set-up errors of a trajectory estimate, the most significant first."""
     names, out = joint.fit.names, []
-    theta, deviations = joint.fit.theta.tolist(), np.sqrt(np.diag(joint.fit.covariance)).tolist()
+    theta, deviations = joint.fit.theta.tolist(), joint.std_setup.tolist()
+    noise = np.sqrt(np.diag(joint.fit.covariance)).tolist()
     for deviation in joint.deviations:
         k, together = deviation.index, deviation.together
         each, value, std = joint.setup[k], theta[k], deviations[k]
-        own: dict[str, Any] = {"value": value, "std": std, "log": each.log, "together": together}
+        own: dict[str, Any] = {"value": value, "std": std, "noise": noise[k], "log": each.log, "together": together}
         alternatives = [{"kind": joint.setup[a].kind, **_named(joint.setup[a])} for a in deviation.alternatives]
         values = _named(each) | own | {"alternatives": alternatives}
         others = (*together, *(names[a] for a in deviation.alternatives))
@@ -244,12 +249,13 @@ def setup_sentence(
     kind: str,
     value: float,
     std: float,
+    noise: float = inf,
     together: Sequence[str] = (),
     alternatives: Sequence[Mapping[str, Any]] = (),
     **name: Any,
 ) -> str:
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, **name), value, std)
+    text = sentence(_parameter(kind, **name), value, std, noise)
     causes = [_parameter(**each) for each in alternatives]
     if others := "; ".join([*together, *(each.text(each.row.short) for each in causes)]):
         text = f"{text} Other causes have the same effect: {others}."
@@ -262,12 +268,14 @@ def place_of(each: SetupParameter) -> Place:
     return Place(**names, log=(each.log or 1) - 1)
 
 
-def sentence(each: SetupParameter, value: float, std: float) -> str:
-    """Error of the set-up and its size, in one sentence."""
+def sentence(each: SetupParameter, value: float, std: float, noise: float = inf) -> str:
+    """Error of the set-up and its size in one sentence, also from noise alone if that is far smaller."""
     unit = each.row.unit
     size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
+    if std > MOSTLY_SETUP * noise:
+        where += f", ± {rounded(noise * unit.factor, noise * unit.factor)[1]}{unit.shown} from noise alone"
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 

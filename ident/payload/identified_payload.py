@@ -200,7 +200,7 @@ class Payload(Brief):
         at = np.flatnonzero(joint.is_setup)
         free, (moves, open_) = joint.fit.free[at], joint.fit.scores(np.eye(len(joint.is_setup))[at])
         values = np.where(free, joint.fit.theta[at], moves).tolist()
-        stds = np.where(free, np.sqrt(np.diag(joint.fit.covariance)[at]), open_).tolist()
+        stds = np.where(free, joint.std_setup[at], open_).tolist()
         for k, value, s, taken in zip(at.tolist(), values, stds, free.tolist(), strict=True):
             each = replace(joint.setup[k], of=self.sensor) if joint.setup[k].of == GROUND else joint.setup[k]
             out.append(SensorParameter(each.name, value, s, taken, each))

@@ -102,7 +102,14 @@ class TrajectoryEstimate:
         moves = by @ (covariance @ JK @ (L.T @ (alone @ fit.gradient)))
         out = np.zeros_like(p)
         out[np.ix_(free, free)] = by @ covariance @ by.T + np.outer(moves, moves)
+        # Variances may be negative by rounding.
+        np.fill_diagonal(out, np.maximum(np.diag(out), 0))
         return out
+
+    @cached_property
+    def std_setup(self) -> np.ndarray:
+        """Standard deviations of all parameters with the uncertainty of the set-up, zero if not fitted (p,)."""
+        return np.sqrt(np.diag(self.fit.covariance + self.covariance_of_setup))
 
     def _setup_prior(self, fixed: np.ndarray) -> np.ndarray:
         """Prior covariance of set-up parameters by their indices, with what those of one instrument share (h, h)."""

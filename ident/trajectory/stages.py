@@ -438,9 +438,7 @@ class Stages:
 
     def measured(self, reversals: Reversals | None) -> Measurement:
         """Measurement with the estimated slips of friction."""
-        if reversals is None:
-            return self.measurement
-        return self.measurement.with_slips(reversals.slip)
+        return self.measurement if reversals is None else self.measurement.with_slips(reversals.slip)
 
     def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior.

@@ -76,6 +76,15 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words)
     assert estimate.verdict().usable
 
 
+def test_the_deviation_of_a_fault_includes_the_rest_of_the_set_up():
+    """Gravity and sensor are both tilted: noise alone is 3.2 standard deviations away from the truth."""
+    (error,) = estimated(1, gravity=2, turn=(0.5, 0, 0)).setup
+    words = "Gravity is tilted by 1.6 ± 1.8° about +x of the base frame, ± 0.14° from noise alone."
+    assert error.text.startswith(words)
+    off = abs(error.value - np.radians(2))
+    assert 3 * np.radians(0.14) < off < 2 * error.std
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [shortened(faulty(), 600)])
