@@ -41,6 +41,8 @@ from ident.tolerances import HOLDOUT, SIGNIFICANT
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import embedded, inverse_of_precision
+from ident.trajectory.fit.repeats import trials
+from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.trajectory_estimate import RUBS, own_columns
 
@@ -64,7 +66,12 @@ FAR = 1.0
 
 
 def joint_fit(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, size: np.ndarray, mean: np.ndarray
+    without: TrajectoryEstimate,
+    loaded: TrajectoryEstimate,
+    columns: np.ndarray,
+    size: np.ndarray,
+    mean: np.ndarray,
+    common: np.ndarray,
 ) -> TrajectoryEstimate:
     """Estimate whose first ten parameters are a load's φ, and the next those of recordings without it.
 
@@ -76,16 +83,21 @@ def joint_fit(
         columns: Base parameters of a unit of each of the load's parameters (r, 10).
         size: Standard deviations of the load's prior, so wide that they matter only where data do not (10,).
         mean: Mean of the load's prior (10,).
+        common: Covariance of both gradients (p, p').
     """
     (together, cost), (apart, less) = (
-        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own) for own in ((), (FRICTION,))
+        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own, common) for own in ((), (FRICTION,))
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
 
 
 def differing(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, joint: TrajectoryEstimate
+    without: TrajectoryEstimate,
+    loaded: TrajectoryEstimate,
+    columns: np.ndarray,
+    joint: TrajectoryEstimate,
+    common: np.ndarray,
 ) -> tuple[float, int]:
     """χ² of what recordings with and without a load share, less what the load explains, and its degrees of freedom.
 
@@ -94,13 +106,15 @@ def differing(
         loaded: Estimate from recordings with it.
         columns: Base parameters of a unit of each of the load's parameters (r, 10).
         joint: The estimate of both.
+        common: Covariance of both gradients (p, p').
     """
-    first, last = (_as_stated(each) for each in (without, loaded))
+    (first, S), (last, T) = (_as_stated(each) for each in (without, loaded))
     shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
     at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
     i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
     design = np.pad(columns, ((0, len(first.theta) - len(columns)), (0, 0)))
-    root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)])
+    common = (_moved(first) @ S.T @ common @ T @ _moved(last))[np.ix_(i, k)]
+    root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)] - common - common.T)
     sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
     left, X = sides[:, 0], sides[:, 1:]
     explained, _, rank, _ = np.linalg.lstsq(X, left, rcond=RANK)
@@ -108,18 +122,24 @@ def differing(
 
 
 def _joined(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, load: Prior, apart: tuple[str, ...]
+    without: TrajectoryEstimate,
+    loaded: TrajectoryEstimate,
+    columns: np.ndarray,
+    load: Prior,
+    apart: tuple[str, ...],
+    common: np.ndarray,
 ) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
     A, B, names = _maps(without, loaded, columns, apart)
-    first, last = fits = [_as_stated(each) for each in (without, loaded)]
+    (first, S), (last, T) = (_as_stated(each) for each in (without, loaded))
+    common = A.T @ S.T @ common @ T @ B
     end, scales = 10 + len(first.theta), np.flatnonzero(_scales(without) @ A)
     # What both share has its prior once.
     alone = np.flatnonzero(B[:, end:].any(axis=1))
     own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
     mean = np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
     prior = Prior(mean, linalg.block_diag(*own), first.prior.weight)
-    maps = list(zip(fits, (A, B), strict=True))
+    maps = (first, A), (last, B)
     # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
     free = np.any([np.arange(len(names)) < 10, *(fit.free @ np.abs(T) > 0 for fit, T in maps)], axis=0)
     fit = replace(
@@ -130,7 +150,7 @@ def _joined(
         bounded=np.any([fit.bound @ np.abs(T) > 0 for fit, T in maps], axis=0) & ~free,
         # About z = 0.
         shares=[(T.T @ P @ T, T.T @ (g + P @ fit.theta)) for fit, T in maps for P, g in fit.shares],
-        scatters=[T.T @ M @ T for fit, T in maps for M in fit.scatter_shares],
+        scatters=[*(T.T @ M @ T for fit, T in maps for M in fit.scatter_shares), common + common.T],
     )
     solved = fit
     for _ in range(STEPS if load.mean.any() and len(scales) else 1):
@@ -142,7 +162,7 @@ def _joined(
     setup |= {places[name]: each for each in loaded.setup.values() if (name := each.name + LOADED) in places}
     joint = replace(without.with_fit(solved), setup=setup)
     scaled = np.r_[np.ones(10, bool), _stated(without), np.zeros(len(names) - end, bool)]
-    return joint.with_fit(_as_stated(joint, back=scaled)), -float(fit.gradient @ solved.theta)
+    return joint.with_fit(_as_stated(joint, back=scaled)[0]), -float(fit.gradient @ solved.theta)
 
 
 def _maps(
@@ -188,16 +208,19 @@ def _stated(estimate: TrajectoryEstimate) -> np.ndarray:
     return np.arange(len(estimate.fit.names)) < equations.parameters.rank + len(equations.drives)
 
 
-def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) -> TrajectoryFit:
+def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) -> tuple[TrajectoryFit, np.ndarray]:
     """The fit in what torques state of some parameters and in logarithms of the scales, or back from it.
 
     Args:
         estimate: The estimate.
         back: Mask of these parameters for an estimate in what torques state; None for one that is not (p,).
+
+    Returns:
+        The fit, and the derivatives of the estimate's parameters by those of the fit (p, p).
     """
     fit, scales = estimate.fit, _scales(estimate)
     if not scales.any():
-        return fit
+        return fit, np.eye(len(fit.theta))
     logs = np.log1p(fit.theta[scales]) if back is None else fit.theta[scales]
     whole, own, theta = np.exp(logs.mean()), np.exp(logs), fit.theta.copy()
     if back is None:
@@ -211,13 +234,50 @@ def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) 
     T[scales, scales] = slopes
     T[np.ix_(scaled, scales)] = np.outer(fit.theta[scaled], cross) / len(own)
     mean = theta + np.linalg.solve(T, fit.prior.mean - fit.theta)
-    return replace(
+    stated = replace(
         fit,
         theta=theta,
         prior=Prior(mean, T.T @ fit.prior.precision @ T, fit.prior.weight),
         shares=[(T.T @ P @ T, T.T @ g) for P, g in fit.shares],
         scatters=[T.T @ M @ T for M in fit.scatter_shares],
     )
+    return stated, T
+
+
+def with_common_scatter(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate
+) -> tuple[TrajectoryEstimate, TrajectoryEstimate, np.ndarray]:
+    """Estimates with the covariance of their gradients where they share a motion, and that between both (p, p')."""
+    first, last = without.fit, loaded.fit
+    p, logs = len(first.theta), len(first.noises)
+    shares = [(linalg.block_diag(P, np.zeros(2 * [len(last.theta)])), g) for P, g in first.shares]
+    shares += [(linalg.block_diag(np.zeros((p, p)), P), g) for P, g in last.shares]
+    both = replace(
+        first,
+        names=(*first.names, *last.names),
+        selections=[*first.selections, *(p + own for own in last.selections)],
+        prior=Prior(
+            np.r_[first.prior.mean, last.prior.mean], linalg.block_diag(first.prior.precision, last.prior.precision)
+        ),
+        theta=np.r_[first.theta, last.theta],
+        shares=shares,
+        free=np.r_[first.free, last.free],
+        noises=[*first.noises, *last.noises],
+        coefficients=[*first.coefficients, *last.coefficients],
+        pieces=[*first.pieces, *(replace(piece, log=logs + piece.log) for piece in last.pieces)],
+    )
+    if not any(min(each.starts) < logs <= max(each.starts) for each in trials(both)):
+        return without, loaded, np.zeros((p, len(last.theta)))
+    measurements = [without.measurement] * logs + [loaded.measurement] * len(last.noises)
+    every = with_scatter(measurements, both).scatter_shares
+    first = replace(first, scatters=[each[:p, :p] for each in every])
+    last = replace(last, scatters=[each[p:, p:] for each in every])
+    return without.with_fit(first), loaded.with_fit(last), np.sum([each[:p, p:] for each in every], axis=0)
+
+
+def _moved(fit: TrajectoryFit) -> np.ndarray:
+    """Changes of the fitted parameters by the gradient (p, p)."""
+    return embedded(inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)], fit.names), fit.free)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -376,7 +436,8 @@ def identify_load(
     size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:
         size[0], mean[0] = max(mass_std, EXACT * mass), mass
-    joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
-    beside = differing(empty.trajectory, full.trajectory, columns, joint)
+    bare_fit, carrying_fit, common = with_common_scatter(empty.trajectory, full.trajectory)
+    joint = joint_fit(bare_fit, carrying_fit, columns, size, mean, common)
+    beside = differing(bare_fit, carrying_fit, columns, joint, common)
     weighed = None if mass is None else (mass, mass_std)
     return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)

@@ -2,7 +2,9 @@
 
     D(T) = <(q(t + T) - q(t))²> / (2 var q)        small for every joint that moves: q repeats after T
 
-If residuals repeat as well, with correlation r one period apart, the sum of n periods' scores has the variance
+If residuals repeat as well, with correlation r from one period to another, pairs of samples at the same phase of two
+periods have the covariance r Γ, with Γ that of the noise within a period. Scores of n alike periods then have the
+variance
 
     n σ² (1 + (n - 1) r)
 
@@ -57,6 +59,20 @@ class RepeatedMotion(NamedTuple):
         return self.apart if len(self.starts) > 1 and self.period == np.inf else self.period
 
 
+class Repetition(NamedTuple):
+    """A motion, and what repeats with it of all coordinates and channels, s = n + C.
+
+    Attributes:
+        motion: Recordings of the motion.
+        correlation: Correlation r of the residuals at the same phase of two periods, at least zero (s,).
+        factor: Variance of sums of residuals over that of independent periods, `1 + (n - 1) r` (s,).
+    """
+
+    motion: RepeatedMotion
+    correlation: np.ndarray
+    factor: np.ndarray
+
+
 def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Recordings of a fit by the motion that they make."""
     logs = [[piece for piece in fit.pieces if piece.log == log] for log in range(len(fit.noises))]
@@ -75,19 +91,21 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
     return out
 
 
-def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[tuple[RepeatedMotion, np.ndarray]]:
-    """Motions of a fit, and the repetition of its coordinates and channels, as `repetition` has it (n + C,)."""
-    out = list[tuple[RepeatedMotion, np.ndarray]]()
-    for each in trials(fit):
-        factors = np.ones(len(fit.coordinate_noise) + len(fit.channel_noise))
-        if each.lag < np.inf:
+def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list[Repetition]:
+    """Motions of a fit, and the repetition of its coordinates and channels."""
+    out = list[Repetition]()
+    for motion in trials(fit):
+        number = len(fit.coordinate_noise) + len(fit.channel_noise)
+        correlation, factor = np.zeros(number), np.ones(number)
+        if motion.lag < np.inf:
             # Of all pieces: some of them have few partners one period later, or none.
-            own = [(point, each.starts[point.piece.log]) for point in fit.points if point.piece.log in each.starts]
+            own = [(point, motion.starts[point.piece.log]) for point in fit.points if point.piece.log in motion.starts]
             times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
-            states = [residual_of_coordinates(measurement, at) / at.noise.states for at, _ in own]
-            channels = [_clear(measurement, at) for at, _ in own]
-            factors = np.concatenate([repetition(times, states, each.lag), repetition(when, channels, each.lag)])
-        out.append((each, factors))
+            states = [residual_of_coordinates(measurements[at.piece.log], at) / at.noise.states for at, _ in own]
+            channels = [_clear(measurements[at.piece.log], at) for at, _ in own]
+            both = repetition(times, states, motion.lag), repetition(when, channels, motion.lag)
+            correlation, factor = np.concatenate(both, axis=1)
+        out.append(Repetition(motion, correlation, factor))
     return out
 
 
@@ -100,7 +118,8 @@ def _clear(measurement: Measurement, at: Point) -> np.ndarray:
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
     number = len(fit.channel_noise)
-    return [own for own, each in repetitions(measurement, fit) if np.median(each[-number:]) > REPEATED]
+    every = repetitions([measurement] * len(fit.noises), fit)
+    return [each.motion for each in every if np.median(each.factor[-number:]) > REPEATED]
 
 
 def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
@@ -183,20 +202,20 @@ def of_pairs(x: np.ndarray) -> np.ndarray:
 
 
 def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], period: float) -> np.ndarray:
-    """Variance of the sum of residuals over that of independent periods, at least one (c,).
+    """Correlation of residuals periods apart, and variance of their sums over that of independent periods (2, c).
 
     Args:
         times: Times of samples, s (N,) each.
         residuals: Residuals, NaN where there is none (N, c) each.
-        period: Period of the motion, s, infinite for none.
+        period: Period of the motion, s.
     """
-    out = np.ones(residuals[0].shape[1])
-    if period == np.inf:
-        return out
-    for k in range(len(out)):
+    out = np.empty((2, residuals[0].shape[1]))
+    for k in range(out.shape[1]):
         step, e = on_grid(times, [x[:, [k]] for x in residuals])
-        products = of_pairs(e)[1, :, 0]
+        pairs, products = of_pairs(e)[:2, :, 0]
         lags = np.round(np.arange(1, len(e) * step / period) * period / step).astype(int)
         lags = lags[lags < len(e)]
-        out[k] += max(2 * products[lags].sum() / max(products[0], 1e-300), 0)
+        partners = 2 * pairs[lags].sum() / max(pairs[0], 1)
+        repeated = max(2 * products[lags].sum() / max(products[0], 1e-300), 0)
+        out[:, k] = min(repeated / max(partners, 1e-9), 1), 1 + repeated
     return out

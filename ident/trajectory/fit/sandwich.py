@@ -1,10 +1,11 @@
 """Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
-    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ c (W R)ᵀ Γ (W R)
+    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (1 - r) (W R)ᵀ Γ (W R) + r uᵀ Γ u,        u = Σ W R
 
 P is the precision of θ, W the weights of the working model, R the rows of θ and M what the smoothness takes of the
 motion (`ident.trajectory.fit.response`), Γ the covariance of the noise estimated independently of the weights
-(`ident.trajectory.fit.noise_colours`), and c one unless motions and residuals repeat (`ident.trajectory.fit.repeats`).
+(`ident.trajectory.fit.noise_colours`), and r the correlation of residuals where motions repeat
+(`ident.trajectory.fit.repeats`), with the sum u over recordings and periods at equal phases.
 Working weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73,
 1986, doi:10.1093/biomet/73.1.13).
 """
@@ -21,31 +22,36 @@ from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.repeats import repetitions
+from ident.trajectory.fit.repeats import Repetition, repetitions
 
 
-def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
+def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
-        measurement: Channels and parameters.
+        measurements: Channels and parameters of every recording.
         fit: The fit.
         every: True for all pieces; False for as many as the noise is estimated from, enough for decisions, and of the
             others by numbers of samples.
     """
-    responses = some_responses(measurement, fit)
+    responses = some_responses(measurements, fit)
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
-    repeated = {log: factors for each, factors in repetitions(measurement, fit) for log in each.starts}
+    repeated = [_Repeated(each, fit) for each in repetitions(measurements, fit)]
+    by_log = {log: each for each in repeated for log in each.motion.starts}
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
-        here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
-        scatter = here.scatter_of_motion
-        ends = np.cumsum([len(stream.std) for stream in here.streams])
-        factors = np.split(repeated[fit.pieces[k].log], ends[:-1])
-        for which, stream in enumerate(here.streams):
-            variances = factors[which] * stream.std**2
+        here, own, log = (
+            responses.pop(k, None) or response_of(measurements, fit, k),
+            fit.selections[k],
+            fit.pieces[k].log,
+        )
+        scatter, ends = here.scatter_of_motion, np.cumsum([len(stream.std) for stream in here.streams])
+        parts = zip(here.streams, *(np.split(x, ends[:-1]) for x in by_log[log].repetition[1:]), strict=True)
+        for which, (stream, correlation, factor) in enumerate(parts):
+            # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
+            variances = (1 - correlation if every else factor) * stream.std**2
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:
@@ -54,13 +60,66 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
                     halves[:, at] = variances[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    if every and correlation[s]:
+                        size = stream.std[s] * np.sqrt(correlation[s])
+                        by_log[log].add(
+                            (which, s), stream.time + by_log[log].motion.starts[log], own, size * pulls[:, at]
+                        )
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
+    for each in repeated if every else ():
+        total, mine = (
+            each.scatter(colours),
+            [k for k, piece in enumerate(fit.pieces) if piece.log in each.motion.starts],
+        )
+        samples = sum(len(fit.pieces[k].when) for k in mine)
+        for k in mine:
+            scatters[k] += len(fit.pieces[k].when) / samples * total
     of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
     return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
+
+
+class _Repeated:
+    """Weighted rows of θ of the signals that repeat, summed over recordings and periods of a motion at equal phases.
+
+    The noise that repeats has the covariance `uᵀ Γ u` with these sums u: parameters that one recording has for itself
+    see that one alone, and what differs between recordings sees none of it.
+    """
+
+    def __init__(self, repetition: Repetition, fit: TrajectoryFit) -> None:
+        self.repetition, self.motion = repetition, repetition.motion
+        pieces = [piece for piece in fit.pieces if piece.log in self.motion.starts]
+        times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
+        self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
+        self._first = pieces[0].time[0] + self.motion.starts[pieces[0].log]
+        self._sums, self._columns = dict[tuple[int, int], np.ndarray](), len(fit.theta)
+
+    def _step(self, which: int) -> float:
+        """Time between samples of a stream in the slowest recording, s."""
+        return self._steps[which > 0]
+
+    def add(self, signal: tuple[int, int], time: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:
+        """Adds rows (N, k) of some parameters (k,) by the noise of a signal, at times in the row of recordings, s (N,).
+
+        The signal is given by stream and column.
+        """
+        step = self._step(signal[0])
+        if signal not in self._sums:
+            self._sums[signal] = np.zeros((round(self.motion.lag / step), self._columns))
+        sums = self._sums[signal]
+        phases = np.round((time[0] - self._first) / step) + np.round((time - time[0]) / step)
+        np.add.at(sums, (phases.astype(int)[:, None] % len(sums), columns), rows)
+
+    def scatter(self, colours: NoiseColours) -> np.ndarray:
+        """Covariance of the right side of θ due to what repeats (p, p)."""
+        out = np.zeros((self._columns, self._columns))
+        for (which, s), sums in self._sums.items():
+            across = sums.T @ _half(sums, colours, which, s, self._step(which), _Tails())
+            out += across + across.T
+        return out
 
 
 def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
