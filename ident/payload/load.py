@@ -13,10 +13,11 @@ ratios, both are Gaussian in log(1 + s) and in what the torques state, w ψ with
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, special
+from scipy.linalg import block_diag
 
 from ident.annotations import NotNegative, Positive, typed
 from ident.errors import InputError
@@ -65,55 +66,88 @@ FAR = 1.0
 """Standard deviation of the prior of a load's centre of mass and radius of gyration about the body's frame, m."""
 
 
-def joint_fit(
-    without: TrajectoryEstimate,
-    loaded: TrajectoryEstimate,
-    columns: np.ndarray,
-    size: np.ndarray,
-    mean: np.ndarray,
-    common: np.ndarray,
-) -> TrajectoryEstimate:
+class Both(NamedTuple):
+    """Estimates from recordings without a load and with it.
+
+    Attributes:
+        without: Estimate from recordings without the load, of r base parameters and p in all.
+        loaded: Estimate from recordings with it, of the same and of p' in all.
+        columns: Base parameters of a unit of each of the load's parameters (r, 10).
+        common: Covariance of both gradients (p, p').
+    """
+
+    without: TrajectoryEstimate
+    loaded: TrajectoryEstimate
+    columns: np.ndarray
+    common: np.ndarray
+
+    @classmethod
+    def of(cls, without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray) -> "Both":
+        """Both estimates, with the covariance of their gradients where recordings of both are of one motion.
+
+        What no model explains of that motion is in both, and is no load.
+        """
+        first, last = without.fit, loaded.fit
+        p, logs, zeros = (
+            len(first.theta),
+            len(first.noises),
+            (np.zeros_like(first.precision), np.zeros_like(last.precision)),
+        )
+        both = replace(
+            first,
+            names=(*first.names, *last.names),
+            selections=[*first.selections, *(p + own for own in last.selections)],
+            prior=Prior(
+                np.r_[first.prior.mean, last.prior.mean], block_diag(first.prior.precision, last.prior.precision)
+            ),
+            theta=np.r_[first.theta, last.theta],
+            shares=[
+                *((block_diag(P, zeros[1]), np.r_[g, zeros[1][0]]) for P, g in first.shares),
+                *((block_diag(zeros[0], P), np.r_[zeros[0][0], g]) for P, g in last.shares),
+            ],
+            free=np.r_[first.free, last.free],
+            noises=[*first.noises, *last.noises],
+            coefficients=[*first.coefficients, *last.coefficients],
+            pieces=[*first.pieces, *(replace(piece, log=logs + piece.log) for piece in last.pieces)],
+        )
+        if not any(min(each.starts) < logs <= max(each.starts) for each in trials(both)):
+            return cls(without, loaded, columns, np.zeros((p, len(last.theta))))
+        measurements = [without.measurement] * logs + [loaded.measurement] * len(last.noises)
+        every = np.array(with_scatter(measurements, both).scatter_shares)
+        first, last = replace(first, scatters=[*every[:, :p, :p]]), replace(last, scatters=[*every[:, p:, p:]])
+        return cls(without.with_fit(first), loaded.with_fit(last), columns, every[:, :p, p:].sum(axis=0))
+
+
+def joint_fit(both: Both, size: np.ndarray, mean: np.ndarray) -> TrajectoryEstimate:
     """Estimate whose first ten parameters are a load's φ, and the next those of recordings without it.
 
     Friction is shared unless the recordings contradict that, as gears rub more under load.
 
     Args:
-        without: Estimate from recordings without the load, of r base parameters.
-        loaded: Estimate from recordings with it, of the same.
-        columns: Base parameters of a unit of each of the load's parameters (r, 10).
+        both: Estimates without and with the load.
         size: Standard deviations of the load's prior, so wide that they matter only where data do not (10,).
         mean: Mean of the load's prior (10,).
-        common: Covariance of both gradients (p, p').
     """
     (together, cost), (apart, less) = (
-        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own, common) for own in ((), (FRICTION,))
+        _joined(both, Prior(mean, np.diag(size**-2.0)), own) for own in ((), (FRICTION,))
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
 
 
-def differing(
-    without: TrajectoryEstimate,
-    loaded: TrajectoryEstimate,
-    columns: np.ndarray,
-    joint: TrajectoryEstimate,
-    common: np.ndarray,
-) -> tuple[float, int]:
+def differing(both: Both, joint: TrajectoryEstimate) -> tuple[float, int]:
     """χ² of what recordings with and without a load share, less what the load explains, and its degrees of freedom.
 
     Args:
-        without: As for `joint_fit`; so are `loaded` and `columns`.
-        loaded: Estimate from recordings with it.
-        columns: Base parameters of a unit of each of the load's parameters (r, 10).
+        both: As for `joint_fit`.
         joint: The estimate of both.
-        common: Covariance of both gradients (p, p').
     """
-    (first, S), (last, T) = (_as_stated(each) for each in (without, loaded))
+    (first, S), (last, T) = (_as_stated(each) for each in both[:2])
     shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
     at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
     i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
-    design = np.pad(columns, ((0, len(first.theta) - len(columns)), (0, 0)))
-    common = (_moved(first) @ S.T @ common @ T @ _moved(last))[np.ix_(i, k)]
+    design = np.pad(both.columns, ((0, len(first.theta) - len(both.columns)), (0, 0)))
+    common = (_moved(first) @ S.T @ both.common @ T @ _moved(last))[np.ix_(i, k)]
     root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)] - common - common.T)
     sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
     left, X = sides[:, 0], sides[:, 1:]
@@ -121,15 +155,9 @@ def differing(
     return float(np.sum((left - X @ explained) ** 2)), len(i) - int(rank)
 
 
-def _joined(
-    without: TrajectoryEstimate,
-    loaded: TrajectoryEstimate,
-    columns: np.ndarray,
-    load: Prior,
-    apart: tuple[str, ...],
-    common: np.ndarray,
-) -> tuple[TrajectoryEstimate, float]:
+def _joined(both: Both, load: Prior, apart: tuple[str, ...]) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
+    without, loaded, columns, common = both
     A, B, names = _maps(without, loaded, columns, apart)
     (first, S), (last, T) = (_as_stated(each) for each in (without, loaded))
     common = A.T @ S.T @ common @ T @ B
@@ -138,7 +166,7 @@ def _joined(
     alone = np.flatnonzero(B[:, end:].any(axis=1))
     own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
     mean = np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
-    prior = Prior(mean, linalg.block_diag(*own), first.prior.weight)
+    prior = Prior(mean, block_diag(*own), first.prior.weight)
     maps = (first, A), (last, B)
     # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
     free = np.any([np.arange(len(names)) < 10, *(fit.free @ np.abs(T) > 0 for fit, T in maps)], axis=0)
@@ -244,40 +272,9 @@ def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) 
     return stated, T
 
 
-def with_common_scatter(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate
-) -> tuple[TrajectoryEstimate, TrajectoryEstimate, np.ndarray]:
-    """Estimates with the covariance of their gradients where they share a motion, and that between both (p, p')."""
-    first, last = without.fit, loaded.fit
-    p, logs = len(first.theta), len(first.noises)
-    shares = [(linalg.block_diag(P, np.zeros(2 * [len(last.theta)])), g) for P, g in first.shares]
-    shares += [(linalg.block_diag(np.zeros((p, p)), P), g) for P, g in last.shares]
-    both = replace(
-        first,
-        names=(*first.names, *last.names),
-        selections=[*first.selections, *(p + own for own in last.selections)],
-        prior=Prior(
-            np.r_[first.prior.mean, last.prior.mean], linalg.block_diag(first.prior.precision, last.prior.precision)
-        ),
-        theta=np.r_[first.theta, last.theta],
-        shares=shares,
-        free=np.r_[first.free, last.free],
-        noises=[*first.noises, *last.noises],
-        coefficients=[*first.coefficients, *last.coefficients],
-        pieces=[*first.pieces, *(replace(piece, log=logs + piece.log) for piece in last.pieces)],
-    )
-    if not any(min(each.starts) < logs <= max(each.starts) for each in trials(both)):
-        return without, loaded, np.zeros((p, len(last.theta)))
-    measurements = [without.measurement] * logs + [loaded.measurement] * len(last.noises)
-    every = with_scatter(measurements, both).scatter_shares
-    first = replace(first, scatters=[each[:p, :p] for each in every])
-    last = replace(last, scatters=[each[p:, p:] for each in every])
-    return without.with_fit(first), loaded.with_fit(last), np.sum([each[:p, p:] for each in every], axis=0)
-
-
 def _moved(fit: TrajectoryFit) -> np.ndarray:
-    """Changes of the fitted parameters by the gradient (p, p)."""
-    return embedded(inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)], fit.names), fit.free)
+    """Changes of the parameters by the gradient, those at a bound included, as in the covariance (p, p)."""
+    return embedded(inverse_of_precision(fit.precision[np.ix_(fit.counted, fit.counted)], fit.names), fit.counted)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -436,8 +433,7 @@ def identify_load(
     size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:
         size[0], mean[0] = max(mass_std, EXACT * mass), mass
-    bare_fit, carrying_fit, common = with_common_scatter(empty.trajectory, full.trajectory)
-    joint = joint_fit(bare_fit, carrying_fit, columns, size, mean, common)
-    beside = differing(bare_fit, carrying_fit, columns, joint, common)
+    both = Both.of(empty.trajectory, full.trajectory, columns)
+    joint = joint_fit(both, size, mean)
     weighed = None if mass is None else (mass, mass_std)
-    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)
+    return Load(robot, body, "", np.eye(4), full, (), empty, joint, differing(both, joint), weighed)
