@@ -37,45 +37,39 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
     responses = some_responses(measurements, fit)
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
     repeated = [_Repeated(each, fit) for each in repetitions(measurements, fit)]
-    by_log = {log: each for each in repeated for log in each.motion.starts}
+    of_log = {log: each for each in repeated for log in each.motion.starts}
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
-        here, own, log = (
-            responses.pop(k, None) or response_of(measurements, fit, k),
-            fit.selections[k],
-            fit.pieces[k].log,
-        )
-        scatter, ends = here.scatter_of_motion, np.cumsum([len(stream.std) for stream in here.streams])
-        parts = zip(here.streams, *(np.split(x, ends[:-1]) for x in by_log[log].repetition[1:]), strict=True)
-        for which, (stream, correlation, factor) in enumerate(parts):
-            # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
-            variances = (1 - correlation if every else factor) * stream.std**2
+        here, own = responses.pop(k, None) or response_of(measurements, fit, k), fit.selections[k]
+        scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
+        ends = np.cumsum([len(stream.std) for stream in here.streams])[:-1]
+        # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
+        alone = 1 - again.correlation if every else again.factor
+        parts = zip(here.streams, np.split(alone, ends), np.split(again.correlation, ends), strict=True)
+        for which, (stream, factors, correlation) in enumerate(parts):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:
                     loose = stacked(stream.slack[:, some, None] * pulls)
                     scatter += loose.T @ loose
+                pulls *= stream.std[some, None]
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
-                    halves[:, at] = variances[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    halves[:, at] = factors[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
                     if every and correlation[s]:
-                        size = stream.std[s] * np.sqrt(correlation[s])
-                        by_log[log].add(
-                            (which, s), stream.time + by_log[log].motion.starts[log], own, size * pulls[:, at]
+                        again.add(
+                            (which, s), fit.pieces[k].log, stream.time, own, np.sqrt(correlation[s]) * pulls[:, at]
                         )
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
-    for each in repeated if every else ():
-        total, mine = (
-            each.scatter(colours),
-            [k for k, piece in enumerate(fit.pieces) if piece.log in each.motion.starts],
-        )
-        samples = sum(len(fit.pieces[k].when) for k in mine)
+    for again in repeated if every else ():
+        mine = [k for k, piece in enumerate(fit.pieces) if piece.log in again.motion.starts]
+        total, samples = again.scatter(colours), sum(len(fit.pieces[k].when) for k in mine)
         for k in mine:
             scatters[k] += len(fit.pieces[k].when) / samples * total
     of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
@@ -83,41 +77,35 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
 
 
 class _Repeated:
-    """Weighted rows of θ of the signals that repeat, summed over recordings and periods of a motion at equal phases.
+    """Weighted rows of θ by the noise that repeats, summed over recordings and periods of a motion at equal phases.
 
-    The noise that repeats has the covariance `uᵀ Γ u` with these sums u: parameters that one recording has for itself
-    see that one alone, and what differs between recordings sees none of it.
+    That noise has the covariance `uᵀ Γ u` with these sums u: a recording's own parameters see it once for every period
+    of that recording, and differences between recordings do not see it.
     """
 
     def __init__(self, repetition: Repetition, fit: TrajectoryFit) -> None:
-        self.repetition, self.motion = repetition, repetition.motion
+        self.motion, self.correlation, self.factor = repetition
         pieces = [piece for piece in fit.pieces if piece.log in self.motion.starts]
         times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
+        # Time between samples of coordinates and of channels, in the slowest recording.
         self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
         self._first = pieces[0].time[0] + self.motion.starts[pieces[0].log]
         self._sums, self._columns = dict[tuple[int, int], np.ndarray](), len(fit.theta)
 
-    def _step(self, which: int) -> float:
-        """Time between samples of a stream in the slowest recording, s."""
-        return self._steps[which > 0]
-
-    def add(self, signal: tuple[int, int], time: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:
-        """Adds rows (N, k) of some parameters (k,) by the noise of a signal, at times in the row of recordings, s (N,).
-
-        The signal is given by stream and column.
-        """
-        step = self._step(signal[0])
+    def add(self, signal: tuple[int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:
+        """Adds rows (N, k) of some parameters (k,) by a signal, given by stream and column, of a recording."""
+        step, start = self._steps[signal[0] > 0], time[0] + self.motion.starts[log]
         if signal not in self._sums:
             self._sums[signal] = np.zeros((round(self.motion.lag / step), self._columns))
         sums = self._sums[signal]
-        phases = np.round((time[0] - self._first) / step) + np.round((time - time[0]) / step)
+        phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
         np.add.at(sums, (phases.astype(int)[:, None] % len(sums), columns), rows)
 
     def scatter(self, colours: NoiseColours) -> np.ndarray:
         """Covariance of the right side of θ due to what repeats (p, p)."""
         out = np.zeros((self._columns, self._columns))
         for (which, s), sums in self._sums.items():
-            across = sums.T @ _half(sums, colours, which, s, self._step(which), _Tails())
+            across = sums.T @ _half(sums, colours, which, s, self._steps[which > 0], _Tails())
             out += across + across.T
         return out
 
