@@ -47,11 +47,16 @@ class RepeatedMotion(NamedTuple):
         starts: Time to add to the times of each recording, s, by its index.
         period: Time after which the motion repeats within a recording, s, infinite for none.
         apart: Time between recordings in the row, s, a multiple of the period.
+        correlation: Correlation r of the residuals of all coordinates and channels at the same phase of two periods, at
+            least zero (n + C,).
+        factor: Variance of their sums over that of independent periods, `1 + (n - 1) r` of alike ones (n + C,).
     """
 
     starts: dict[int, float]
     period: float
     apart: float
+    correlation: np.ndarray
+    factor: np.ndarray
 
     @property
     def lag(self) -> float:
@@ -59,23 +64,10 @@ class RepeatedMotion(NamedTuple):
         return self.apart if len(self.starts) > 1 and self.period == np.inf else self.period
 
 
-class Repetition(NamedTuple):
-    """A motion, and what repeats with it of all coordinates and channels, s = n + C.
-
-    Attributes:
-        motion: Recordings of the motion.
-        correlation: Correlation r of the residuals at the same phase of two periods, at least zero (s,).
-        factor: Variance of sums of residuals over that of independent periods, `1 + (n - 1) r` (s,).
-    """
-
-    motion: RepeatedMotion
-    correlation: np.ndarray
-    factor: np.ndarray
-
-
 def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
-    """Recordings of a fit by the motion that they make."""
+    """Recordings of a fit by the motion that they make, as if nothing but the motion repeated."""
     logs = [[piece for piece in fit.pieces if piece.log == log] for log in range(len(fit.noises))]
+    nothing = np.zeros(len(fit.coordinate_noise) + len(fit.channel_noise))
     out, longest = list[RepeatedMotion](), max(float(own[-1].time[-1] - own[0].time[0]) for own in logs)
     for log, (own, noise) in enumerate(zip(logs, fit.noises, strict=True)):
         for each in out:
@@ -87,16 +79,14 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
         else:
             T = period(own, noise.states)
             apart = T * float(np.ceil(2 * longest / T)) if np.isfinite(T) else 2 * longest
-            out.append(RepeatedMotion({log: 0.0}, T, apart))
+            out.append(RepeatedMotion({log: 0.0}, T, apart, nothing, nothing + 1))
     return out
 
 
-def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list[Repetition]:
-    """Motions of a fit, and the repetition of its coordinates and channels."""
-    out = list[Repetition]()
-    for motion in trials(fit):
-        number = len(fit.coordinate_noise) + len(fit.channel_noise)
-        correlation, factor = np.zeros(number), np.ones(number)
+def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list[RepeatedMotion]:
+    """Motions of a fit, and what repeats with them of the residuals; measurements are those of its recordings."""
+    out = trials(fit)
+    for k, motion in enumerate(out):
         if motion.lag < np.inf:
             # Of all pieces: some of them have few partners one period later, or none.
             own = [(point, motion.starts[point.piece.log]) for point in fit.points if point.piece.log in motion.starts]
@@ -105,7 +95,7 @@ def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list
             channels = [_clear(measurements[at.piece.log], at) for at, _ in own]
             both = repetition(times, states, motion.lag), repetition(when, channels, motion.lag)
             correlation, factor = np.concatenate(both, axis=1)
-        out.append(Repetition(motion, correlation, factor))
+            out[k] = motion._replace(correlation=correlation, factor=factor)
     return out
 
 
@@ -119,7 +109,7 @@ def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMoti
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
     number = len(fit.channel_noise)
     every = repetitions([measurement] * len(fit.noises), fit)
-    return [each.motion for each in every if np.median(each.factor[-number:]) > REPEATED]
+    return [each for each in every if np.median(each.factor[-number:]) > REPEATED]
 
 
 def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:

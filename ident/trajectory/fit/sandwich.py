@@ -22,7 +22,7 @@ from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.repeats import Repetition, repetitions
+from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
 
 def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
@@ -44,10 +44,11 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
             tails = _Tails()
         here, own = responses.pop(k, None) or response_of(measurements, fit, k), fit.selections[k]
         scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
+        motion = again.motion
         ends = np.cumsum([len(stream.std) for stream in here.streams])[:-1]
         # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
-        alone = 1 - again.correlation if every else again.factor
-        parts = zip(here.streams, np.split(alone, ends), np.split(again.correlation, ends), strict=True)
+        alone = 1 - motion.correlation if every else motion.factor
+        parts = zip(here.streams, np.split(alone, ends), np.split(motion.correlation, ends), strict=True)
         for which, (stream, factors, correlation) in enumerate(parts):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
@@ -83,13 +84,13 @@ class _Repeated:
     of that recording, and differences between recordings do not see it.
     """
 
-    def __init__(self, repetition: Repetition, fit: TrajectoryFit) -> None:
-        self.motion, self.correlation, self.factor = repetition
-        pieces = [piece for piece in fit.pieces if piece.log in self.motion.starts]
+    def __init__(self, motion: RepeatedMotion, fit: TrajectoryFit) -> None:
+        self.motion = motion
+        pieces = [piece for piece in fit.pieces if piece.log in motion.starts]
         times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
         # Time between samples of coordinates and of channels, in the slowest recording.
         self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
-        self._first = pieces[0].time[0] + self.motion.starts[pieces[0].log]
+        self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
         self._sums, self._columns = dict[tuple[int, int], np.ndarray](), len(fit.theta)
 
     def add(self, signal: tuple[int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:

@@ -88,7 +88,7 @@ def fit_of(*pieces):
     """A fit of recordings of one piece each, as far as `trials` reads it."""
     noises = [SimpleNamespace(states=np.zeros(pieces[0].states.shape[1]))] * len(pieces)
     pieces = [SimpleNamespace(log=log, **vars(piece)) for log, piece in enumerate(pieces)]
-    return SimpleNamespace(pieces=pieces, noises=noises)
+    return SimpleNamespace(pieces=pieces, noises=noises, coordinate_noise=noises[0].states, channel_noise=np.zeros(1))
 
 
 def part(whole, start, stop, clock=0.0):

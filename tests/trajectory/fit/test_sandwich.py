@@ -10,7 +10,7 @@ import ident
 from experiments.studies.person_recordings import autoregressive
 from ident.trajectory.fit import noise_colours, sandwich
 from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
-from ident.trajectory.fit.repeats import RepeatedMotion, Repetition
+from ident.trajectory.fit.repeats import RepeatedMotion
 from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
@@ -57,9 +57,8 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurements, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
-    own = RepeatedMotion({0: 0.0}, start, 9.0)
-    repetition = Repetition(own, np.array([r]), np.array([1 + r]))
-    monkeypatch.setattr(sandwich, "repetitions", lambda measurements, fit: [repetition])
+    motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([r]), np.array([1 + r]))
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurements, fit: [motion])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
