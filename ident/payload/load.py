@@ -7,7 +7,8 @@ whose base parameters are R φ, both share the links' base parameters ψ, drives
 
 Each estimate is Gaussian about its solution, so that the parameters z = [φ, θ_without, other offsets] of both follow
 from the shares of all pieces in one step. Where torques have uncertain scales s, of which the recordings show only the
-ratios, both are Gaussian in log(1 + s) and in what the torques state, w ψ with w the geometric mean of 1 + s.
+ratios, both are Gaussian in log(1 + s) and in what the torques state, w ψ with w the geometric mean of 1 + s. Where
+recordings of both repeat a motion, what no model explains of it is in both gradients, whose covariance counts.
 """
 
 from collections.abc import Mapping, Sequence
