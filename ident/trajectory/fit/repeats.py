@@ -47,8 +47,8 @@ class RepeatedMotion(NamedTuple):
         starts: Time to add to the times of each recording, s, by its index.
         period: Time after which the motion repeats within a recording, s, infinite for none.
         apart: Time between recordings in the row, s, a multiple of the period.
-        correlation: Correlation r of the residuals of all coordinates and channels at the same phase of two periods, at
-            least zero (n + C,).
+        correlation: Correlations r of the residuals of all coordinates and channels at the same phase of two periods of
+            one recording, and of two recordings, which is not more; at least zero (2, n + C).
         factor: Variance of their sums over that of independent periods, `1 + (n - 1) r` of alike ones (n + C,).
     """
 
@@ -79,7 +79,7 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
         else:
             T = period(own, noise.states)
             apart = T * float(np.ceil(2 * longest / T)) if np.isfinite(T) else 2 * longest
-            out.append(RepeatedMotion({log: 0.0}, T, apart, nothing, nothing + 1))
+            out.append(RepeatedMotion({log: 0.0}, T, apart, np.stack([nothing, nothing]), nothing + 1))
     return out
 
 
@@ -93,9 +93,9 @@ def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list
             times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
             states = [residual_of_coordinates(measurements[at.piece.log], at) / at.noise.states for at, _ in own]
             channels = [_clear(measurements[at.piece.log], at) for at, _ in own]
-            both = repetition(times, states, motion.lag), repetition(when, channels, motion.lag)
-            correlation, factor = np.concatenate(both, axis=1)
-            out[k] = motion._replace(correlation=correlation, factor=factor)
+            both = repetition(times, states, motion), repetition(when, channels, motion)
+            *correlation, factor = np.concatenate(both, axis=1)
+            out[k] = motion._replace(correlation=np.array(correlation), factor=factor)
     return out
 
 
@@ -191,21 +191,32 @@ def of_pairs(x: np.ndarray) -> np.ndarray:
     return np.array(sums)[:, : len(x)]
 
 
-def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], period: float) -> np.ndarray:
-    """Correlation of residuals periods apart, and variance of their sums over that of independent periods (2, c).
+def repetition(
+    times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], motion: RepeatedMotion
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Correlations as of `RepeatedMotion`, and variance of sums over that of independent periods (c,) each.
 
     Args:
-        times: Times of samples, s (N,) each.
+        times: Times of samples in the row of recordings, s (N,) each.
         residuals: Residuals, NaN where there is none (N, c) each.
-        period: Period of the motion, s.
+        motion: The motion, which repeats.
     """
-    out = np.empty((2, residuals[0].shape[1]))
+    out = np.empty((3, residuals[0].shape[1]))
     for k in range(out.shape[1]):
         step, e = on_grid(times, [x[:, [k]] for x in residuals])
         pairs, products = of_pairs(e)[:2, :, 0]
-        lags = np.round(np.arange(1, len(e) * step / period) * period / step).astype(int)
-        lags = lags[lags < len(e)]
-        partners = 2 * pairs[lags].sum() / max(pairs[0], 1)
-        repeated = max(2 * products[lags].sum() / max(products[0], 1e-300), 0)
-        out[:, k] = min(repeated / max(partners, 1e-9), 1), 1 + repeated
-    return out
+        every = np.round(np.arange(1, len(e) * step / motion.lag) * motion.lag / step).astype(int)
+        every = every[every < len(e)]
+        # Recordings are shorter than half of the time between them.
+        near = every * step < motion.apart / 2
+        mean = max(products[0], 1e-300) / max(pairs[0], 1)
+        within, across = (
+            products[own].sum() / max(pairs[own].sum() * mean, 1e-300) for own in (every[near], every[~near])
+        )
+        across = min(max(across, 0), 1)
+        out[:, k] = (
+            max(min(within, 1), across),
+            across,
+            1 + max(2 * products[every].sum() / max(products[0], 1e-300), 0),
+        )
+    return out[0], out[1], out[2]

@@ -1,6 +1,6 @@
 """Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
-    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (1 - r) (W R)ᵀ Γ (W R) + r uᵀ Γ u,        u = Σ W R
+    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (1 - r) (W R)ᵀ Γ (W R) + r uᵀ Γ u
 
 P is the precision of θ, W the weights of the working model, R the rows of θ and M what the smoothness takes of the
 motion (`ident.trajectory.fit.response`), Γ the covariance of the noise estimated independently of the weights
@@ -47,8 +47,8 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
         motion = again.motion
         ends = np.cumsum([len(stream.std) for stream in here.streams])[:-1]
         # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
-        alone = 1 - motion.correlation if every else motion.factor
-        parts = zip(here.streams, np.split(alone, ends), np.split(motion.correlation, ends), strict=True)
+        alone = 1 - motion.correlation[0] if every else motion.factor
+        parts = zip(here.streams, np.split(alone, ends), np.split(motion.correlation, ends, axis=1), strict=True)
         for which, (stream, factors, correlation) in enumerate(parts):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
@@ -59,10 +59,8 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
                     halves[:, at] = factors[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
-                    if every and correlation[s]:
-                        again.add(
-                            (which, s), fit.pieces[k].log, stream.time, own, np.sqrt(correlation[s]) * pulls[:, at]
-                        )
+                    if every and correlation[0, s]:
+                        again.add((which, s), correlation[:, s], fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
@@ -78,10 +76,10 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
 
 
 class _Repeated:
-    """Weighted rows of θ by the noise that repeats, summed over recordings and periods of a motion at equal phases.
+    """Weighted rows of θ by the noise that repeats, summed over the periods of each recording of a motion, by phase.
 
-    That noise has the covariance `uᵀ Γ u` with these sums u: a recording's own parameters see it once for every period
-    of that recording, and differences between recordings do not see it.
+    With these sums u_k, noise that repeats within recordings has the covariance `Σ u_kᵀ Γ u_k`, and noise that repeats
+    across them that of all sums together: parameters of a recording's own see the periods of that one alone.
     """
 
     def __init__(self, motion: RepeatedMotion, fit: TrajectoryFit) -> None:
@@ -91,23 +89,44 @@ class _Repeated:
         # Time between samples of coordinates and of channels, in the slowest recording.
         self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
         self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
-        self._sums, self._columns = dict[tuple[int, int], np.ndarray](), len(fit.theta)
+        self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int], dict[int, np.ndarray]](dict)
+        self._correlations = dict[tuple[int, int], np.ndarray]()
 
-    def add(self, signal: tuple[int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> None:
-        """Adds rows (N, k) of some parameters (k,) by a signal, given by stream and column, of a recording."""
+    def add(
+        self,
+        signal: tuple[int, int],
+        correlation: np.ndarray,
+        log: int,
+        time: np.ndarray,
+        columns: np.ndarray,
+        rows: np.ndarray,
+    ) -> None:
+        """Adds rows (N, k) of some parameters (k,) by a signal of a recording.
+
+        Args:
+            signal: Stream and column of the signal.
+            correlation: Its correlations within and across recordings (2,).
+            log: The recording.
+            time: Times of its samples, s (N,).
+            columns: Indices of the parameters.
+            rows: The rows.
+        """
         step, start = self._steps[signal[0] > 0], time[0] + self.motion.starts[log]
-        if signal not in self._sums:
-            self._sums[signal] = np.zeros((round(self.motion.lag / step), self._columns))
-        sums = self._sums[signal]
+        sums, self._correlations[signal] = self._sums[signal], correlation
+        if log not in sums:
+            sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
         phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
-        np.add.at(sums, (phases.astype(int)[:, None] % len(sums), columns), rows)
+        np.add.at(sums[log], (phases.astype(int)[:, None] % len(sums[log]), columns), rows)
 
     def scatter(self, colours: NoiseColours) -> np.ndarray:
         """Covariance of the right side of θ due to what repeats (p, p)."""
         out = np.zeros((self._columns, self._columns))
         for (which, s), sums in self._sums.items():
-            across = sums.T @ _half(sums, colours, which, s, self._steps[which > 0], _Tails())
-            out += across + across.T
+            within, across = self._correlations[which, s]
+            each = [(within - across, own) for own in sums.values()]
+            for size, own in [*each, (across, sum(sums.values()))]:
+                products = size * own.T @ _half(own, colours, which, s, self._steps[which > 0], _Tails())
+                out += products + products.T
         return out
 
 

@@ -13,7 +13,7 @@ from random_models import inverse_dynamics
 import ident
 from ident.payload.load import Both, identify_load, joint_fit
 from ident.trajectory.fit import noise_colours, sandwich
-from ident.trajectory.fit.repeats import lateness, period, repetition, trials
+from ident.trajectory.fit.repeats import RepeatedMotion, lateness, period, repetition, trials
 from ident.trajectory.fit.sandwich import with_scatter
 
 PERIOD = 1 / 0.15
@@ -61,11 +61,15 @@ def test_a_coordinate_that_is_not_there_does_not_matter(rng):
     assert period([piece], np.zeros(3)) == pytest.approx(1 / 0.3, abs=0.011)
 
 
+def of_period(period):
+    return RepeatedMotion({0: 0.0}, period, np.inf, np.zeros((2, 1)), np.ones(1))
+
+
 @pytest.mark.parametrize("pause", [0.0, 20.0, 3600.0])
 def test_pauses_are_no_periods(rng, pause):
     once, t = rng.normal(size=(200, 1)), 0.01 * np.arange(600)
     times, residuals = [t, t + t[-1] + 0.01 + pause], [np.tile(once, (3, 1))] * 2
-    correlation, factor = repetition(times, residuals, 2.0)
+    correlation, _, factor = repetition(times, residuals, of_period(2.0))
     assert correlation == pytest.approx(1, abs=0.01) and factor == pytest.approx(6, rel=0.01)
 
 
@@ -81,7 +85,8 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
     same = np.tile(rng.normal(size=(400, number)), (1, periods))
     e = np.sqrt(share) * same + np.sqrt(1 - share) * rng.normal(size=same.shape)
     counted = np.mean((e @ column) ** 2) / (column @ column)
-    correlation, factors = repetition([t], [e.T], 0.01 * number)
+    correlation, across, factors = repetition([t], [e.T], of_period(0.01 * number))
+    assert not across.any()
     assert factors.mean() == pytest.approx(counted, rel=0.25)
     assert factors.mean() == pytest.approx(1 + share * (periods - 1), abs=0.15)
     np.testing.assert_allclose(factors, 1 + correlation * (periods - 1))
@@ -145,7 +150,7 @@ def test_residuals_of_trials_count_once(rng, same, factor):
     (own,) = trials(fit_of(whole, part(whole, 0, 1000, 7.0), whole))
     errors = rng.normal(size=(1 if same else 3, 1000, 20))
     times = [piece.time + own.starts[log] for log, piece in enumerate((whole, part(whole, 0, 1000, 7.0), whole))]
-    _, factors = repetition(times, [*errors] * (3 // len(errors)), own.lag)
+    *_, factors = repetition(times, [*errors] * (3 // len(errors)), own)
     assert factors.mean() == pytest.approx(factor, abs=0.1)
 
 

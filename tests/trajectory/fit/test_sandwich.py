@@ -57,7 +57,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurements, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
-    motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([r]), np.array([1 + r]))
+    motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([[r], [0.0]]), np.array([1 + r]))
     monkeypatch.setattr(sandwich, "repetitions", lambda measurements, fit: [motion])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
