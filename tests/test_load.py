@@ -17,7 +17,7 @@ from experiments.studies.person_recordings import Laboratory, humanoid, moved, s
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identify
-from ident.payload.load import Both, differing, identify_load, joint_fit
+from ident.payload.load import differing, identify_load, joint_fit
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
@@ -74,7 +74,7 @@ def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_sho
     body = arm.bodies[1]
     columns = load.without.base.regroup(np.eye(10 * len(arm.bodies))[10:20]).T
     size = np.repeat([arm.mass, 1.0], [1, 9])
-    joint = joint_fit(Both.of(load.without.trajectory, load.estimate.trajectory, columns), size, np.zeros(10))
+    joint = joint_fit(load.without.trajectory, load.estimate.trajectory, columns, size, np.zeros(10))
     on_link = replace(load, body=body, joint=joint)
     hidden = ~columns.any(axis=0)
     assert hidden.any()
@@ -115,7 +115,7 @@ def test_what_a_load_does_not_explain_widens_its_intervals(load):
     shift = np.where(full.fit.free & (np.arange(len(full.fit.theta)) < len(columns)), 8.0, 0.0)
     shift *= np.sqrt(np.diag(full.fit.covariance)) * (-1.0) ** np.arange(len(shift))
     moved = replace(full, search=replace(full.search, fit=_at(full, full.fit.theta + shift)))
-    apart = replace(load, differing=differing(Both.of(load.without.trajectory, moved, columns), load.joint))
+    apart = replace(load, differing=differing(load.without.trajectory, moved, columns, load.joint))
     assert apart.differing[1] == load.differing[1]
     factor = np.sqrt(apart.differing[0] / apart.differing[1])
     assert factor > 2

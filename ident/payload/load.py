@@ -7,18 +7,16 @@ whose base parameters are R φ, both share the links' base parameters ψ, drives
 
 Each estimate is Gaussian about its solution, so that the parameters z = [φ, θ_without, other offsets] of both follow
 from the shares of all pieces in one step. Where torques have uncertain scales s, of which the recordings show only the
-ratios, both are Gaussian in log(1 + s) and in what the torques state, w ψ with w the geometric mean of 1 + s. Where
-recordings of both repeat a motion, what no model explains of it is in both gradients, whose covariance counts.
+ratios, both are Gaussian in log(1 + s) and in what the torques state, w ψ with w the geometric mean of 1 + s.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import linalg, special
-from scipy.linalg import block_diag
 
 from ident.annotations import NotNegative, Positive, typed
 from ident.errors import InputError
@@ -43,8 +41,6 @@ from ident.tolerances import HOLDOUT, SIGNIFICANT
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import embedded, inverse_of_precision
-from ident.trajectory.fit.repeats import trials
-from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.trajectory_estimate import RUBS, own_columns
 
@@ -67,108 +63,63 @@ FAR = 1.0
 """Standard deviation of the prior of a load's centre of mass and radius of gyration about the body's frame, m."""
 
 
-class Both(NamedTuple):
-    """Estimates from recordings without a load and with it.
-
-    Attributes:
-        without: Estimate from recordings without the load, of r base parameters and p in all.
-        loaded: Estimate from recordings with it, of the same and of p' in all.
-        columns: Base parameters of a unit of each of the load's parameters (r, 10).
-        common: Covariance of both gradients (p, p').
-    """
-
-    without: TrajectoryEstimate
-    loaded: TrajectoryEstimate
-    columns: np.ndarray
-    common: np.ndarray
-
-    @classmethod
-    def of(cls, without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray) -> "Both":
-        """Both estimates, with the covariance of their gradients where recordings of both are of one motion.
-
-        What no model explains of that motion is in both, and is no load.
-        """
-        first, last = without.fit, loaded.fit
-        p, logs, zeros = (
-            len(first.theta),
-            len(first.noises),
-            (np.zeros_like(first.precision), np.zeros_like(last.precision)),
-        )
-        both = replace(
-            first,
-            names=(*first.names, *last.names),
-            selections=[*first.selections, *(p + own for own in last.selections)],
-            prior=Prior(
-                np.r_[first.prior.mean, last.prior.mean], block_diag(first.prior.precision, last.prior.precision)
-            ),
-            theta=np.r_[first.theta, last.theta],
-            shares=[
-                *((block_diag(P, zeros[1]), np.r_[g, zeros[1][0]]) for P, g in first.shares),
-                *((block_diag(zeros[0], P), np.r_[zeros[0][0], g]) for P, g in last.shares),
-            ],
-            free=np.r_[first.free, last.free],
-            noises=[*first.noises, *last.noises],
-            coefficients=[*first.coefficients, *last.coefficients],
-            pieces=[*first.pieces, *(replace(piece, log=logs + piece.log) for piece in last.pieces)],
-        )
-        if not any(min(each.starts) < logs <= max(each.starts) for each in trials(both)):
-            return cls(without, loaded, columns, np.zeros((p, len(last.theta))))
-        measurements = [without.measurement] * logs + [loaded.measurement] * len(last.noises)
-        every = np.array(with_scatter(measurements, both).scatter_shares)
-        first, last = replace(first, scatters=[*every[:, :p, :p]]), replace(last, scatters=[*every[:, p:, p:]])
-        return cls(without.with_fit(first), loaded.with_fit(last), columns, every[:, :p, p:].sum(axis=0))
-
-
-def joint_fit(both: Both, size: np.ndarray, mean: np.ndarray) -> TrajectoryEstimate:
+def joint_fit(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, size: np.ndarray, mean: np.ndarray
+) -> TrajectoryEstimate:
     """Estimate whose first ten parameters are a load's φ, and the next those of recordings without it.
 
     Friction is shared unless the recordings contradict that, as gears rub more under load.
 
     Args:
-        both: Estimates without and with the load.
+        without: Estimate from recordings without the load, of r base parameters.
+        loaded: Estimate from recordings with it, of the same.
+        columns: Base parameters of a unit of each of the load's parameters (r, 10).
         size: Standard deviations of the load's prior, so wide that they matter only where data do not (10,).
         mean: Mean of the load's prior (10,).
     """
     (together, cost), (apart, less) = (
-        _joined(both, Prior(mean, np.diag(size**-2.0)), own) for own in ((), (FRICTION,))
+        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own) for own in ((), (FRICTION,))
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
 
 
-def differing(both: Both, joint: TrajectoryEstimate) -> tuple[float, int]:
+def differing(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, joint: TrajectoryEstimate
+) -> tuple[float, int]:
     """χ² of what recordings with and without a load share, less what the load explains, and its degrees of freedom.
 
     Args:
-        both: As for `joint_fit`.
+        without: As for `joint_fit`; so are `loaded` and `columns`.
+        loaded: Estimate from recordings with it.
+        columns: Base parameters of a unit of each of the load's parameters (r, 10).
         joint: The estimate of both.
     """
-    (first, S), (last, T) = (_as_stated(each) for each in both[:2])
+    first, last = (_as_stated(each) for each in (without, loaded))
     shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
     at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
     i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
-    design = np.pad(both.columns, ((0, len(first.theta) - len(both.columns)), (0, 0)))
-    common = (_moved(first) @ S.T @ both.common @ T @ _moved(last))[np.ix_(i, k)]
-    root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)] - common - common.T)
+    design = np.pad(columns, ((0, len(first.theta) - len(columns)), (0, 0)))
+    root = scaled_root(first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)])
     sides = linalg.solve_triangular(root, np.c_[last.theta[k] - first.theta[i], design[i]], lower=True)
     left, X = sides[:, 0], sides[:, 1:]
     explained, _, rank, _ = np.linalg.lstsq(X, left, rcond=RANK)
     return float(np.sum((left - X @ explained) ** 2)), len(i) - int(rank)
 
 
-def _joined(both: Both, load: Prior, apart: tuple[str, ...]) -> tuple[TrajectoryEstimate, float]:
+def _joined(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, load: Prior, apart: tuple[str, ...]
+) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
-    without, loaded, columns, common = both
     A, B, names = _maps(without, loaded, columns, apart)
-    (first, S), (last, T) = (_as_stated(each) for each in (without, loaded))
-    common = A.T @ S.T @ common @ T @ B
+    first, last = fits = [_as_stated(each) for each in (without, loaded)]
     end, scales = 10 + len(first.theta), np.flatnonzero(_scales(without) @ A)
     # What both share has its prior once.
     alone = np.flatnonzero(B[:, end:].any(axis=1))
     own = np.zeros((10, 10)), first.prior.precision, last.prior.precision[np.ix_(alone, alone)]
     mean = np.r_[np.zeros(10), first.prior.mean, last.prior.mean[alone]]
-    prior = Prior(mean, block_diag(*own), first.prior.weight)
-    maps = (first, A), (last, B)
+    prior = Prior(mean, linalg.block_diag(*own), first.prior.weight)
+    maps = list(zip(fits, (A, B), strict=True))
     # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
     free = np.any([np.arange(len(names)) < 10, *(fit.free @ np.abs(T) > 0 for fit, T in maps)], axis=0)
     fit = replace(
@@ -179,7 +130,7 @@ def _joined(both: Both, load: Prior, apart: tuple[str, ...]) -> tuple[Trajectory
         bounded=np.any([fit.bound @ np.abs(T) > 0 for fit, T in maps], axis=0) & ~free,
         # About z = 0.
         shares=[(T.T @ P @ T, T.T @ (g + P @ fit.theta)) for fit, T in maps for P, g in fit.shares],
-        scatters=[*(T.T @ M @ T for fit, T in maps for M in fit.scatter_shares), common + common.T],
+        scatters=[T.T @ M @ T for fit, T in maps for M in fit.scatter_shares],
     )
     solved = fit
     for _ in range(STEPS if load.mean.any() and len(scales) else 1):
@@ -191,7 +142,7 @@ def _joined(both: Both, load: Prior, apart: tuple[str, ...]) -> tuple[Trajectory
     setup |= {places[name]: each for each in loaded.setup.values() if (name := each.name + LOADED) in places}
     joint = replace(without.with_fit(solved), setup=setup)
     scaled = np.r_[np.ones(10, bool), _stated(without), np.zeros(len(names) - end, bool)]
-    return joint.with_fit(_as_stated(joint, back=scaled)[0]), -float(fit.gradient @ solved.theta)
+    return joint.with_fit(_as_stated(joint, back=scaled)), -float(fit.gradient @ solved.theta)
 
 
 def _maps(
@@ -237,19 +188,16 @@ def _stated(estimate: TrajectoryEstimate) -> np.ndarray:
     return np.arange(len(estimate.fit.names)) < equations.parameters.rank + len(equations.drives)
 
 
-def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) -> tuple[TrajectoryFit, np.ndarray]:
+def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) -> TrajectoryFit:
     """The fit in what torques state of some parameters and in logarithms of the scales, or back from it.
 
     Args:
         estimate: The estimate.
         back: Mask of these parameters for an estimate in what torques state; None for one that is not (p,).
-
-    Returns:
-        The fit, and the derivatives of the estimate's parameters by those of the fit (p, p).
     """
     fit, scales = estimate.fit, _scales(estimate)
     if not scales.any():
-        return fit, np.eye(len(fit.theta))
+        return fit
     logs = np.log1p(fit.theta[scales]) if back is None else fit.theta[scales]
     whole, own, theta = np.exp(logs.mean()), np.exp(logs), fit.theta.copy()
     if back is None:
@@ -263,19 +211,13 @@ def _as_stated(estimate: TrajectoryEstimate, *, back: np.ndarray | None = None) 
     T[scales, scales] = slopes
     T[np.ix_(scaled, scales)] = np.outer(fit.theta[scaled], cross) / len(own)
     mean = theta + np.linalg.solve(T, fit.prior.mean - fit.theta)
-    stated = replace(
+    return replace(
         fit,
         theta=theta,
         prior=Prior(mean, T.T @ fit.prior.precision @ T, fit.prior.weight),
         shares=[(T.T @ P @ T, T.T @ g) for P, g in fit.shares],
         scatters=[T.T @ M @ T for M in fit.scatter_shares],
     )
-    return stated, T
-
-
-def _moved(fit: TrajectoryFit) -> np.ndarray:
-    """Changes of the parameters by the gradient, those at a bound included, as in the covariance (p, p)."""
-    return embedded(inverse_of_precision(fit.precision[np.ix_(fit.counted, fit.counted)], fit.names), fit.counted)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -434,7 +376,7 @@ def identify_load(
     size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:
         size[0], mean[0] = max(mass_std, EXACT * mass), mass
-    both = Both.of(empty.trajectory, full.trajectory, columns)
-    joint = joint_fit(both, size, mean)
+    joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
+    beside = differing(empty.trajectory, full.trajectory, columns, joint)
     weighed = None if mass is None else (mass, mass_std)
-    return Load(robot, body, "", np.eye(4), full, (), empty, joint, differing(both, joint), weighed)
+    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)

@@ -361,7 +361,7 @@ class Stages:
         refit = self.refit_of(estimate)
 
         def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            return with_scatter([estimate.measurement] * len(self.recordings), refit(begin, free, rounds), every=False)
+            return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
 
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
@@ -391,7 +391,7 @@ class Stages:
         """Estimate with its covariance under noise that is estimated independently of the weights."""
         if estimate.fit.status == "interrupted":
             return estimate
-        return estimate.with_fit(with_scatter([estimate.measurement] * len(self.recordings), estimate.fit))
+        return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
 
     def _with_weighted_prior(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with a prior weighted up where recordings carry less information than the fit assumes.

@@ -78,23 +78,23 @@ class NoiseColours:
     amplitudes: Sequence[np.ndarray]
 
 
-def some_responses(measurements: Sequence[Measurement], fit: TrajectoryFit) -> dict[int, Response]:
+def some_responses(measurement: Measurement, fit: TrajectoryFit) -> dict[int, Response]:
     """Linear responses of every k-th piece of each recording by index, as many as suffice to estimate the noise.
 
     Args:
-        measurements: Channels and parameters of every recording.
+        measurement: Channels and parameters.
         fit: The fit.
     """
     samples, logs = sum(len(piece.when) for piece in fit.pieces), [piece.log for piece in fit.pieces]
     streams = len(fit.coordinate_noise) + len(fit.channel_noise)
     share = max(1, round(samples / ENOUGH), round(samples * streams * len(fit.theta) / ROOM))
     chosen = [k for k, log in enumerate(logs) if (k - logs.index(log)) % share == 0]
-    return {k: response_of(measurements, fit, k) for k in chosen}
+    return {k: response_of(measurement, fit, k) for k in chosen}
 
 
-def response_of(measurements: Sequence[Measurement], fit: TrajectoryFit, k: int) -> Response:
+def response_of(measurement: Measurement, fit: TrajectoryFit, k: int) -> Response:
     """Linear response of one piece of a fit."""
-    return response(measurements[fit.pieces[k].log], fit.points[k])
+    return response(measurement, fit.points[k])
 
 
 def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:

@@ -83,16 +83,16 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
     return out
 
 
-def repetitions(measurements: Sequence[Measurement], fit: TrajectoryFit) -> list[RepeatedMotion]:
-    """Motions of a fit, and what repeats with them of the residuals; measurements are those of its recordings."""
+def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
+    """Motions of a fit, and what repeats with them of the residuals."""
     out = trials(fit)
     for k, motion in enumerate(out):
         if motion.lag < np.inf:
             # Of all pieces: some of them have few partners one period later, or none.
             own = [(point, motion.starts[point.piece.log]) for point in fit.points if point.piece.log in motion.starts]
             times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
-            states = [residual_of_coordinates(measurements[at.piece.log], at) / at.noise.states for at, _ in own]
-            channels = [_clear(measurements[at.piece.log], at) for at, _ in own]
+            states = [residual_of_coordinates(measurement, at) / at.noise.states for at, _ in own]
+            channels = [_clear(measurement, at) for at, _ in own]
             both = repetition(times, states, motion), repetition(when, channels, motion)
             *correlation, factor = np.concatenate(both, axis=1)
             out[k] = motion._replace(correlation=np.array(correlation), factor=factor)
@@ -108,7 +108,7 @@ def _clear(measurement: Measurement, at: Point) -> np.ndarray:
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
     number = len(fit.channel_noise)
-    every = repetitions([measurement] * len(fit.noises), fit)
+    every = repetitions(measurement, fit)
     return [each for each in every if np.median(each.factor[-number:]) > REPEATED]
 
 

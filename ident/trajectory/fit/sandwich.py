@@ -25,31 +25,30 @@ from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
 
-def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
+def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
-        measurements: Channels and parameters of every recording.
+        measurement: Channels and parameters.
         fit: The fit.
         every: True for all pieces; False for as many as the noise is estimated from, enough for decisions, and of the
             others by numbers of samples.
     """
-    responses = some_responses(measurements, fit)
+    responses = some_responses(measurement, fit)
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
-    repeated = [_Repeated(each, fit) for each in repetitions(measurements, fit)]
+    repeated = [_Repeated(each, fit) for each in repetitions(measurement, fit)]
     of_log = {log: each for each in repeated for log in each.motion.starts}
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
-        here, own = responses.pop(k, None) or response_of(measurements, fit, k), fit.selections[k]
+        here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
         motion = again.motion
-        ends = np.cumsum([len(stream.std) for stream in here.streams])[:-1]
+        first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
         # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
         alone = 1 - motion.correlation[0] if every else motion.factor
-        parts = zip(here.streams, np.split(alone, ends), np.split(motion.correlation, ends, axis=1), strict=True)
-        for which, (stream, factors, correlation) in enumerate(parts):
+        for which, stream in enumerate(here.streams):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:
@@ -58,9 +57,10 @@ def with_scatter(measurements: Sequence[Measurement], fit: TrajectoryFit, *, eve
                 pulls *= stream.std[some, None]
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
-                    halves[:, at] = factors[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
-                    if every and correlation[0, s]:
-                        again.add((which, s), correlation[:, s], fit.pieces[k].log, stream.time, own, pulls[:, at])
+                    signal = which, s, first[which] + s
+                    halves[:, at] = alone[signal[2]] * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    if every and motion.correlation[0, signal[2]]:
+                        again.add(signal, fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
@@ -89,30 +89,16 @@ class _Repeated:
         # Time between samples of coordinates and of channels, in the slowest recording.
         self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
         self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
-        self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int], dict[int, np.ndarray]](dict)
-        self._correlations = dict[tuple[int, int], np.ndarray]()
+        self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int, int], dict[int, np.ndarray]](dict)
 
     def add(
-        self,
-        signal: tuple[int, int],
-        correlation: np.ndarray,
-        log: int,
-        time: np.ndarray,
-        columns: np.ndarray,
-        rows: np.ndarray,
+        self, signal: tuple[int, int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray
     ) -> None:
-        """Adds rows (N, k) of some parameters (k,) by a signal of a recording.
+        """Adds rows (N, k) of some parameters (k,) by a signal of a recording at its times, s (N,).
 
-        Args:
-            signal: Stream and column of the signal.
-            correlation: Its correlations within and across recordings (2,).
-            log: The recording.
-            time: Times of its samples, s (N,).
-            columns: Indices of the parameters.
-            rows: The rows.
+        The signal is given by its stream, its column there, and its index among all coordinates and channels.
         """
-        step, start = self._steps[signal[0] > 0], time[0] + self.motion.starts[log]
-        sums, self._correlations[signal] = self._sums[signal], correlation
+        step, start, sums = self._steps[signal[0] > 0], time[0] + self.motion.starts[log], self._sums[signal]
         if log not in sums:
             sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
         phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
@@ -121,10 +107,10 @@ class _Repeated:
     def scatter(self, colours: NoiseColours) -> np.ndarray:
         """Covariance of the right side of θ due to what repeats (p, p)."""
         out = np.zeros((self._columns, self._columns))
-        for (which, s), sums in self._sums.items():
-            within, across = self._correlations[which, s]
+        for (which, s, at), sums in self._sums.items():
+            within, across = self.motion.correlation[:, at]
             each = [(within - across, own) for own in sums.values()]
-            for size, own in [*each, (across, sum(sums.values()))]:
+            for size, own in [*each, (across, np.sum([*sums.values()], axis=0))]:
                 products = size * own.T @ _half(own, colours, which, s, self._steps[which > 0], _Tails())
                 out += products + products.T
         return out

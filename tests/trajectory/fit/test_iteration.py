@@ -65,7 +65,7 @@ def test_an_estimate_has_converged_and_counts_its_rounds():
     fit = estimated(report=lambda *_: rounds.append(1)).fit
     assert fit.status == "converged" and fit.trace[-1] < SETTLED.theta
     assert 1 < len(fit.trace) <= len(rounds)
-    anew = with_scatter([estimate().measurement], fit)
+    anew = with_scatter(estimate().measurement, fit)
     np.testing.assert_allclose(fit.covariance, anew.covariance, rtol=1e-9, atol=0)
 
 

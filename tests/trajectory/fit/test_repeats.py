@@ -5,13 +5,10 @@ from functools import cache
 from types import SimpleNamespace
 
 import driven_arm as arm
-import mujoco
 import numpy as np
 import pytest
-from random_models import inverse_dynamics
 
 import ident
-from ident.payload.load import Both, identify_load, joint_fit
 from ident.trajectory.fit import noise_colours, sandwich
 from ident.trajectory.fit.repeats import RepeatedMotion, lateness, period, repetition, trials
 from ident.trajectory.fit.sandwich import with_scatter
@@ -154,38 +151,28 @@ def test_residuals_of_trials_count_once(rng, same, factor):
     assert factors.mean() == pytest.approx(factor, abs=0.1)
 
 
-BALL = """<body pos="0.25 0.02 0.03"><inertial mass="0.3" pos="0 0 0" diaginertia="5e-4 5e-4 5e-4"/></body>"""
-"""A load of 300 g on the arm's last body."""
+@cache
+def estimated(periods, size, known=False, heavier=1.0, logs=1, own=()):
+    """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause.
 
-
-def recorded(periods, size, loads):
-    """Logs of the arm in some periods of a motion, each with a load or none, and other noise.
-
-    Torques of a size repeat with the motion and have no cause.
+    In each of several logs, with other noise.
     """
     rng = np.random.default_rng(3)
     t, *states = arm.motion(rng, periods * PERIOD, 50.0)
+    torque = arm.torques(*states) + np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / 0.003)
     waves = 2 * np.pi / PERIOD * np.outer(t, np.arange(1, 21))
-    waves = np.stack([np.sin(waves), np.cos(waves)], axis=1)
-    torque = size * np.einsum("tkw,jkw->tj", waves, rng.normal(size=(3, 2, 20)))
-    torque += np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / 0.003)
-    own, recordings = np.random.default_rng(4), []
-    for load in loads:
-        text = arm.text(frictionloss=(0, 0, 0)).replace("</body></body></body>", f"{load}</body></body></body>")
-        of_bodies = inverse_dynamics(mujoco.MjModel.from_xml_string(text), *states)[0]
-        noise = own.normal(size=(2, *torque.shape))
-        measured = (of_bodies + torque + 0.02 * noise[0]).T, (states[0] + 1e-4 * noise[1]).T
+    torque += size * np.einsum(
+        "tkw,jkw->tj", np.stack([np.sin(waves), np.cos(waves)], axis=1), rng.normal(size=(3, 2, 20))
+    )
+    draws, recordings = np.random.default_rng(4), []
+    for _ in range(logs):
+        noise = draws.normal(size=(2, *torque.shape))
+        measured = (torque + 0.02 * noise[0]).T, (states[0] + 1e-4 * noise[1]).T
         channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, measured[0], strict=True)}
         channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, measured[1], strict=True)}
         recordings.append(ident.Recording(t, channels))
-    return recordings
-
-
-@cache
-def estimated(periods, size, known=False, heavier=1.0, logs=1, own=()):
-    """Estimate of the arm from such logs without a load."""
     model = replace(arm.mechanism(), prior=heavier * arm.mechanism().prior)
-    return ident.identify(model, recorded(periods, size, [""] * logs), known=known, holdout=0, own=own)
+    return ident.identify(model, recordings, known=known, holdout=0, own=own)
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.65, 0.8), (0.02, 0.9, 1.5)])
@@ -207,32 +194,18 @@ def test_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repe
 def test_what_repeats_counts_once_for_what_logs_share_alone(monkeypatch):
     """Friction of each log for itself is told by that log alone."""
     joint = estimated(1.5, 0.02, logs=3, own=("friction",)).trajectory
-    monkeypatch.setattr(sandwich, "repetitions", lambda measurements, fit: trials(fit))
-    alone = with_scatter([joint.measurement] * 3, joint.fit)
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: trials(fit))
+    alone = with_scatter(joint.measurement, joint.fit)
     ratio = np.sqrt(np.diag(joint.fit.covariance) / np.maximum(np.diag(alone.covariance), 1e-300))
     rubs = np.array([name.startswith(("Fv(", "Fc(")) for name in joint.fit.names])
     assert np.median(ratio[:9]) > 1.5 and np.median(ratio[rubs]) < 1.15
-
-
-def test_what_repeats_is_no_load():
-    """The same torques without a cause with the load and without it."""
-    load = identify_load(arm.mechanism(), *([log] for log in recorded(1.5, 0.02, ["", BALL])), body="fore")
-    both = load.without.trajectory, load.estimate.trajectory
-    columns = load.without.base.regroup(np.eye(30)[20:]).T
-    size = arm.mechanism().mass * np.ones(10)
-    once, apart = (
-        Both.of(*both, columns),
-        Both(*both, columns, np.zeros((len(both[0].fit.theta), len(both[1].fit.theta)))),
-    )
-    stds = [np.sqrt(joint_fit(each, size, np.zeros(10)).fit.covariance[0, 0]) for each in (once, apart)]
-    assert stds[0] < 0.6 * stds[1] and abs(load.joint.fit.theta[0] - 0.3) < 3 * stds[0]
 
 
 def test_what_repeats_is_counted_in_all_pieces(monkeypatch):
     """Also if the noise is estimated from a third of them, of which none is a period after another."""
     joint = estimated(5, 0.02).trajectory
     monkeypatch.setattr(noise_colours, "ENOUGH", 500)
-    some = with_scatter([joint.measurement], joint.fit).covariance
+    some = with_scatter(joint.measurement, joint.fit).covariance
     assert np.median(np.diag(some)[:9] / np.diag(joint.fit.covariance)[:9]) > 0.8
 
 

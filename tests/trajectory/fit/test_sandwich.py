@@ -55,10 +55,10 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
             streams=[stream], blocks=lambda _: [(slice(None), own)], scatter_of_motion=of_motion.copy()
         )
 
-    monkeypatch.setattr(sandwich, "some_responses", lambda measurements, fit: {})
+    monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([[r], [0.0]]), np.array([1 + r]))
-    monkeypatch.setattr(sandwich, "repetitions", lambda measurements, fit: [motion])
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: [motion])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
@@ -71,7 +71,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
         dense(rows.sum(axis=0)[:, 0], AMPLITUDES[:, 0]),
     )
     expected = 2 * of_motion + 4 * ((1 - r) * apart + r * repeated)
-    np.testing.assert_allclose(sum(with_scatter([None], fit)), expected, rtol=1e-9)
+    np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
 
 SECONDS = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
