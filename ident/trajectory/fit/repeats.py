@@ -2,9 +2,9 @@
 
     D(T) = <(q(t + T) - q(t))²> / (2 var q)        small for every joint that moves: q repeats after T
 
-If residuals repeat as well, with correlation r from one period to another, pairs of samples at the same phase of two
-periods have the covariance r Γ, with Γ that of the noise within a period. Scores of n alike periods then have the
-variance
+If residuals repeat as well, pairs of samples in two periods have r times the covariance of such a pair in one, with the
+residuals' correlation r at equal phases, one of periods of a recording and one of different recordings. The sum of the
+scores of n alike periods then has the variance
 
     n σ² (1 + (n - 1) r)
 
@@ -208,15 +208,10 @@ def repetition(
         every = np.round(np.arange(1, len(e) * step / motion.lag) * motion.lag / step).astype(int)
         every = every[every < len(e)]
         # Recordings are shorter than half of the time between them.
-        near = every * step < motion.apart / 2
-        mean = max(products[0], 1e-300) / max(pairs[0], 1)
+        near, mean = every * step < motion.apart / 2, max(products[0], 1e-300) / max(pairs[0], 1)
         within, across = (
-            products[own].sum() / max(pairs[own].sum() * mean, 1e-300) for own in (every[near], every[~near])
+            float(np.clip(products[own].sum() / (max(pairs[own].sum(), 1) * mean), 0, 1))
+            for own in (every[near], every[~near])
         )
-        across = min(max(across, 0), 1)
-        out[:, k] = (
-            max(min(within, 1), across),
-            across,
-            1 + max(2 * products[every].sum() / max(products[0], 1e-300), 0),
-        )
+        out[:, k] = max(within, across), across, 1 + max(2 * products[every].sum() / max(products[0], 1e-300), 0)
     return out[0], out[1], out[2]
