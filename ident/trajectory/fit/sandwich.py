@@ -99,6 +99,9 @@ class _Repeated:
         The signal is given by its stream, its column there, and its index among all coordinates and channels.
         """
         step, start, sums = self._steps[signal[0] > 0], time[0] + self.motion.starts[log], self._sums[signal]
+        within, across = self.motion.correlation[:, signal[2]]
+        # Long recordings without a period, all of which are alike, take one sum.
+        log = log if within > across else 0
         if log not in sums:
             sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
         phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
@@ -110,9 +113,10 @@ class _Repeated:
         for (which, s, at), sums in self._sums.items():
             within, across = self.motion.correlation[:, at]
             each = [(within - across, own) for own in sums.values()]
-            for size, own in [*each, (across, np.sum([*sums.values()], axis=0))]:
-                products = size * own.T @ _half(own, colours, which, s, self._steps[which > 0], _Tails())
-                out += products + products.T
+            for size, own in [*each, (across, sum(sums.values(), start=np.zeros(self._columns)))]:
+                if size:
+                    products = size * own.T @ _half(own, colours, which, s, self._steps[which > 0], _Tails())
+                    out += products + products.T
         return out
 
 
