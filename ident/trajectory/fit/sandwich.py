@@ -114,8 +114,12 @@ class _Repeated:
             within, across = self.motion.correlation[:, at]
             each = [(within - across, own) for own in sums.values()]
             for size, own in [*each, (across, sum(sums.values(), start=np.zeros(self._columns)))]:
+                noise, tails = (colours, which, s, self._steps[which > 0]), _Tails()
+                if size and self.motion.period < np.inf:
+                    # Slow noise goes on from the end of a period to its beginning.
+                    _half(own, *noise, tails)
                 if size:
-                    products = size * own.T @ _half(own, colours, which, s, self._steps[which > 0], _Tails())
+                    products = size * own.T @ _half(own, *noise, tails)
                     out += products + products.T
         return out
 

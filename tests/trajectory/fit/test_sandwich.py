@@ -18,11 +18,12 @@ AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
 COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
 
 
-def dense(y, sizes):
-    """`yᵀ Γ y` with a dense Γ."""
+def dense(y, sizes, around=np.inf):
+    """`yᵀ Γ y` with a dense Γ, of periodic noise also around its period."""
     apart = STEP * np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
     noise = sizes[0] * np.eye(len(y)) + sum(
-        size * np.exp(-apart / time) for size, time in zip(sizes[1:], TIMES[1:], strict=True)
+        size * sum(np.exp(-each / time) for each in (apart, around - apart, around + apart))
+        for size, time in zip(sizes[1:], TIMES[1:], strict=True)
     )
     return y.T @ noise @ y
 
@@ -66,10 +67,11 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
     every = np.concatenate(rows)[:, 0]
     parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
-    apart, repeated = (
-        sum(dense(part, AMPLITUDES[:, 0]) for part in parts),
-        dense(rows.sum(axis=0)[:, 0], AMPLITUDES[:, 0]),
-    )
+    apart = sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    sums = np.zeros((round(start / STEP), 2))
+    for at, own in zip((0, round(start / STEP)), rows, strict=True):
+        np.add.at(sums, (at + np.arange(50)) % len(sums), own[:, 0])
+    repeated = dense(sums, AMPLITUDES[:, 0], around=start)
     expected = 2 * of_motion + 4 * ((1 - r) * apart + r * repeated)
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
