@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -203,9 +204,13 @@ def _nothing_varies(log: Prepared) -> str:
 
 def check_different(logs: Sequence[Prepared], judges: Sequence[Prepared] = ()) -> None:
     """Refuses a recording that is fitted twice, or fitted and to judge by."""
+    rows = cache(_rows)
     for number, log in enumerate((*logs, *judges)):
         for before, other in enumerate(logs[:number]):
-            if _are_same(log.recording, other.recording):
+            one, shared = log.recording, tuple(sorted(log.recording.measured.keys() & other.recording.measured.keys()))
+            few, many = sorted((rows(each, shared) for each in (one, other.recording)), key=len)
+            # Most samples of one recording, in rows of `ROW`, are the other's in all channels that both have.
+            if one is other.recording or (shared and len(few) > ROW and float(np.isin(few, many).mean()) > 0.5):
                 raise InputError(
                     "A recording can be fitted once only, but one of them is given twice: most samples of number "
                     f"{number + 1} are those of number {before + 1}."
@@ -214,16 +219,7 @@ def check_different(logs: Sequence[Prepared], judges: Sequence[Prepared] = ()) -
                 )
 
 
-def _are_same(one: Recording, other: Recording) -> bool:
-    """True if most samples of one recording, in rows of `ROW`, are the other's in all channels that both have."""
-    shared = sorted(one.measured.keys() & other.measured.keys())
-    if one is other or not shared:
-        return one is other
-    few, many = sorted((_rows(each, shared) for each in (one, other)), key=len)
-    return len(few) > ROW and float(np.isin(few, many).mean()) > 0.5
-
-
-def _rows(recording: Recording, names: Sequence[str]) -> np.ndarray:
+def _rows(recording: Recording, names: tuple[str, ...]) -> np.ndarray:
     """A number for each different row of `ROW` samples, the same wherever its values are the same (k,)."""
     sample = np.zeros(len(recording.time))
     columns = (column for name in names for column in recording[name].reshape(len(sample), -1).T)

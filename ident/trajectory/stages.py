@@ -322,11 +322,13 @@ class Stages:
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
-    def refitted(self, estimate: TrajectoryEstimate, *, rounds: int = iteration.ROUNDS) -> TrajectoryEstimate:
-        """Estimate fitted again from its end point."""
+    def refitted(
+        self, estimate: TrajectoryEstimate, *, rounds: int = iteration.ROUNDS, settled: Tolerance = NEAR
+    ) -> TrajectoryEstimate:
+        """Estimate fitted again from its end point, to a tolerance."""
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
-        again = self.refit_of(estimate)(fit.end, fit.free, rounds)
+        again = self.refit_of(estimate, settled)(fit.end, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
         return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
@@ -421,14 +423,13 @@ class Stages:
         fit = estimate.fit
         if fit.status != "near":
             return estimate
-        begin = fit.end
         if estimate.search.deviations:
             estimate = estimate if estimate.reversals is None else self._opened(estimate)
-            begin = replace(begin, noises=[replace(own, jerk=own.jerk / ROUGHER) for own in fit.noises])
-        again = self.refit_of(estimate, settled=SETTLED)(begin, fit.free, iteration.ROUNDS)
-        again = replace(again, scatters=fit.scatters, trace=(*fit.trace, *again.trace))
-        estimate = replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
-        return self.scattered(estimate)
+            rougher = [replace(own, jerk=own.jerk / ROUGHER) for own in fit.noises]
+            estimate = estimate.with_fit(replace(estimate.fit, noises=rougher))
+        out = self.refitted(estimate, settled=SETTLED)
+        again = replace(out.fit, scatters=fit.scatters, trace=(*fit.trace, *out.fit.trace))
+        return self.scattered(out.with_fit(again))
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""

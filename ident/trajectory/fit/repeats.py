@@ -2,7 +2,9 @@
 
     D(T) = <(q(t + T) - q(t))²> / (2 var q)        small for every joint that moves: q repeats after T
 
-If residuals repeat as well, with correlation r one period apart, the sum of n periods' scores has the variance
+If residuals repeat as well, pairs of samples in two periods have r times the covariance of such a pair in one, with the
+residuals' correlation r at equal phases, one of periods of a recording and one of different recordings. The sum of the
+scores of n alike periods then has the variance
 
     n σ² (1 + (n - 1) r)
 
@@ -45,11 +47,16 @@ class RepeatedMotion(NamedTuple):
         starts: Time to add to the times of each recording, s, by its index.
         period: Time after which the motion repeats within a recording, s, infinite for none.
         apart: Time between recordings in the row, s, a multiple of the period.
+        correlation: Correlations r of the residuals of all coordinates and channels at the same phase of two periods of
+            one recording, and of two recordings, which is not more; at least zero (2, n + C).
+        factor: Variance of their sums over that of independent periods, `1 + (n - 1) r` of alike ones (n + C,).
     """
 
     starts: dict[int, float]
     period: float
     apart: float
+    correlation: np.ndarray
+    factor: np.ndarray
 
     @property
     def lag(self) -> float:
@@ -58,8 +65,9 @@ class RepeatedMotion(NamedTuple):
 
 
 def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
-    """Recordings of a fit by the motion that they make."""
+    """Recordings of a fit by the motion that they make, as if nothing but the motion repeated."""
     logs = [[piece for piece in fit.pieces if piece.log == log] for log in range(len(fit.noises))]
+    nothing = np.zeros(len(fit.coordinate_noise) + len(fit.channel_noise))
     out, longest = list[RepeatedMotion](), max(float(own[-1].time[-1] - own[0].time[0]) for own in logs)
     for log, (own, noise) in enumerate(zip(logs, fit.noises, strict=True)):
         for each in out:
@@ -71,23 +79,23 @@ def trials(fit: TrajectoryFit) -> list[RepeatedMotion]:
         else:
             T = period(own, noise.states)
             apart = T * float(np.ceil(2 * longest / T)) if np.isfinite(T) else 2 * longest
-            out.append(RepeatedMotion({log: 0.0}, T, apart))
+            out.append(RepeatedMotion({log: 0.0}, T, apart, np.stack([nothing, nothing]), nothing + 1))
     return out
 
 
-def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[tuple[RepeatedMotion, np.ndarray]]:
-    """Motions of a fit, and the repetition of its coordinates and channels, as `repetition` has it (n + C,)."""
-    out = list[tuple[RepeatedMotion, np.ndarray]]()
-    for each in trials(fit):
-        factors = np.ones(len(fit.coordinate_noise) + len(fit.channel_noise))
-        if each.lag < np.inf:
+def repetitions(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
+    """Motions of a fit, and what repeats with them of the residuals."""
+    out = trials(fit)
+    for k, motion in enumerate(out):
+        if motion.lag < np.inf:
             # Of all pieces: some of them have few partners one period later, or none.
-            own = [(point, each.starts[point.piece.log]) for point in fit.points if point.piece.log in each.starts]
+            own = [(point, motion.starts[point.piece.log]) for point in fit.points if point.piece.log in motion.starts]
             times, when = [at.piece.time + x for at, x in own], [at.piece.when + x for at, x in own]
             states = [residual_of_coordinates(measurement, at) / at.noise.states for at, _ in own]
             channels = [_clear(measurement, at) for at, _ in own]
-            factors = np.concatenate([repetition(times, states, each.lag), repetition(when, channels, each.lag)])
-        out.append((each, factors))
+            both = repetition(times, states, motion), repetition(when, channels, motion)
+            *correlation, factor = np.concatenate(both, axis=1)
+            out[k] = motion._replace(correlation=np.array(correlation), factor=factor)
     return out
 
 
@@ -100,7 +108,8 @@ def _clear(measurement: Measurement, at: Point) -> np.ndarray:
 def repeating(measurement: Measurement, fit: TrajectoryFit) -> list[RepeatedMotion]:
     """Repeated motions whose errors repeat with the motion, in periods or recordings, by the median of the channels."""
     number = len(fit.channel_noise)
-    return [own for own, each in repetitions(measurement, fit) if np.median(each[-number:]) > REPEATED]
+    every = repetitions(measurement, fit)
+    return [each for each in every if np.median(each.factor[-number:]) > REPEATED]
 
 
 def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
@@ -182,21 +191,27 @@ def of_pairs(x: np.ndarray) -> np.ndarray:
     return np.array(sums)[:, : len(x)]
 
 
-def repetition(times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], period: float) -> np.ndarray:
-    """Variance of the sum of residuals over that of independent periods, at least one (c,).
+def repetition(
+    times: Sequence[np.ndarray], residuals: Sequence[np.ndarray], motion: RepeatedMotion
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Correlations as of `RepeatedMotion`, and variance of sums over that of independent periods (c,) each.
 
     Args:
-        times: Times of samples, s (N,) each.
+        times: Times of samples in the row of recordings, s (N,) each.
         residuals: Residuals, NaN where there is none (N, c) each.
-        period: Period of the motion, s, infinite for none.
+        motion: The motion, which repeats.
     """
-    out = np.ones(residuals[0].shape[1])
-    if period == np.inf:
-        return out
-    for k in range(len(out)):
+    out = np.empty((3, residuals[0].shape[1]))
+    for k in range(out.shape[1]):
         step, e = on_grid(times, [x[:, [k]] for x in residuals])
-        products = of_pairs(e)[1, :, 0]
-        lags = np.round(np.arange(1, len(e) * step / period) * period / step).astype(int)
-        lags = lags[lags < len(e)]
-        out[k] += max(2 * products[lags].sum() / max(products[0], 1e-300), 0)
-    return out
+        pairs, products = of_pairs(e)[:2, :, 0]
+        every = np.round(np.arange(1, len(e) * step / motion.lag) * motion.lag / step).astype(int)
+        every = every[every < len(e)]
+        # Recordings are shorter than half of the time between them.
+        near, mean = every * step < motion.apart / 2, max(products[0], 1e-300) / max(pairs[0], 1)
+        within, across = (
+            float(np.clip(products[own].sum() / (max(pairs[own].sum(), 1) * mean), 0, 1))
+            for own in (every[near], every[~near])
+        )
+        out[:, k] = max(within, across), across, 1 + max(2 * products[every].sum() / max(products[0], 1e-300), 0)
+    return out[0], out[1], out[2]

@@ -1,10 +1,11 @@
 """Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
-    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ c (W R)ᵀ Γ (W R)
+    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (1 - r) (W R)ᵀ Γ (W R) + r uᵀ Γ u
 
 P is the precision of θ, W the weights of the working model, R the rows of θ and M what the smoothness takes of the
 motion (`ident.trajectory.fit.response`), Γ the covariance of the noise estimated independently of the weights
-(`ident.trajectory.fit.noise_colours`), and c one unless motions and residuals repeat (`ident.trajectory.fit.repeats`).
+(`ident.trajectory.fit.noise_colours`), and r the correlation of residuals where motions repeat
+(`ident.trajectory.fit.repeats`), with the sum u over recordings and periods at equal phases.
 Working weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73,
 1986, doi:10.1093/biomet/73.1.13).
 """
@@ -21,7 +22,7 @@ from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.repeats import repetitions
+from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
 
 def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
@@ -35,32 +36,92 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
     """
     responses = some_responses(measurement, fit)
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
-    repeated = {log: factors for each, factors in repetitions(measurement, fit) for log in each.starts}
+    repeated = [_Repeated(each, fit) for each in repetitions(measurement, fit)]
+    of_log = {log: each for each in repeated for log in each.motion.starts}
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
-        scatter = here.scatter_of_motion
-        ends = np.cumsum([len(stream.std) for stream in here.streams])
-        factors = np.split(repeated[fit.pieces[k].log], ends[:-1])
+        scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
+        motion = again.motion
+        first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
+        # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
+        alone = 1 - motion.correlation[0] if every else motion.factor
         for which, stream in enumerate(here.streams):
-            variances = factors[which] * stream.std**2
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
                 if stream.slack is not None:
                     loose = stacked(stream.slack[:, some, None] * pulls)
                     scatter += loose.T @ loose
+                pulls *= stream.std[some, None]
                 halves = np.empty_like(pulls)
                 for at, s in enumerate(range(len(stream.std))[some]):
-                    halves[:, at] = variances[s] * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    signal = which, s, first[which] + s
+                    halves[:, at] = alone[signal[2]] * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                    if every and motion.correlation[0, signal[2]]:
+                        again.add(signal, fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
+    for again in repeated if every else ():
+        mine = [k for k, piece in enumerate(fit.pieces) if piece.log in again.motion.starts]
+        total, samples = again.scatter(colours), sum(len(fit.pieces[k].when) for k in mine)
+        for k in mine:
+            scatters[k] += len(fit.pieces[k].when) / samples * total
     of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
     return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
+
+
+class _Repeated:
+    """Weighted rows of θ by the noise that repeats, summed over the periods of each recording of a motion, by phase.
+
+    With these sums u_k, noise that repeats within recordings has the covariance `Σ u_kᵀ Γ u_k`, and noise that repeats
+    across them that of all sums together: parameters of a recording's own see the periods of that one alone.
+    """
+
+    def __init__(self, motion: RepeatedMotion, fit: TrajectoryFit) -> None:
+        self.motion = motion
+        pieces = [piece for piece in fit.pieces if piece.log in motion.starts]
+        times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
+        # Time between samples of coordinates and of channels, in the slowest recording.
+        self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
+        self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
+        self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int, int], dict[int, np.ndarray]](dict)
+
+    def add(
+        self, signal: tuple[int, int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray
+    ) -> None:
+        """Adds rows (N, k) of some parameters (k,) by a signal of a recording at its times, s (N,).
+
+        The signal is given by its stream, its column there, and its index among all coordinates and channels.
+        """
+        step, start, sums = self._steps[signal[0] > 0], time[0] + self.motion.starts[log], self._sums[signal]
+        within, across = self.motion.correlation[:, signal[2]]
+        # Long recordings without a period, all of which are alike, take one sum.
+        log = log if within > across else 0
+        if log not in sums:
+            sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
+        phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
+        np.add.at(sums[log], (phases.astype(int)[:, None] % len(sums[log]), columns), rows)
+
+    def scatter(self, colours: NoiseColours) -> np.ndarray:
+        """Covariance of the right side of θ due to what repeats (p, p)."""
+        out = np.zeros((self._columns, self._columns))
+        for (which, s, at), sums in self._sums.items():
+            within, across = self.motion.correlation[:, at]
+            each = [(within - across, own) for own in sums.values()]
+            for size, own in [*each, (across, sum(sums.values(), start=np.zeros(self._columns)))]:
+                noise, tails = (colours, which, s, self._steps[which > 0]), _Tails()
+                if size and self.motion.period < np.inf:
+                    # Slow noise goes on from the end of a period to its beginning.
+                    _half(own, *noise, tails)
+                if size:
+                    products = size * own.T @ _half(own, *noise, tails)
+                    out += products + products.T
+        return out
 
 
 def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident.trajectory.fit import noise_colours
-from ident.trajectory.fit.repeats import lateness, period, repetition, trials
+from ident.trajectory.fit import noise_colours, sandwich
+from ident.trajectory.fit.repeats import RepeatedMotion, lateness, period, repetition, trials
 from ident.trajectory.fit.sandwich import with_scatter
 
 PERIOD = 1 / 0.15
@@ -58,11 +58,16 @@ def test_a_coordinate_that_is_not_there_does_not_matter(rng):
     assert period([piece], np.zeros(3)) == pytest.approx(1 / 0.3, abs=0.011)
 
 
+def of_period(period):
+    return RepeatedMotion({0: 0.0}, period, np.inf, np.zeros((2, 1)), np.ones(1))
+
+
 @pytest.mark.parametrize("pause", [0.0, 20.0, 3600.0])
 def test_pauses_are_no_periods(rng, pause):
     once, t = rng.normal(size=(200, 1)), 0.01 * np.arange(600)
     times, residuals = [t, t + t[-1] + 0.01 + pause], [np.tile(once, (3, 1))] * 2
-    assert repetition(times, residuals, 2.0) == pytest.approx(6, rel=0.01)
+    correlation, _, factor = repetition(times, residuals, of_period(2.0))
+    assert correlation == pytest.approx(1, abs=0.01) and factor == pytest.approx(6, rel=0.01)
 
 
 def test_less_than_two_periods_are_none(rng):
@@ -77,17 +82,18 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
     same = np.tile(rng.normal(size=(400, number)), (1, periods))
     e = np.sqrt(share) * same + np.sqrt(1 - share) * rng.normal(size=same.shape)
     counted = np.mean((e @ column) ** 2) / (column @ column)
-    factors = repetition([t], [e.T], 0.01 * number)
+    correlation, across, factors = repetition([t], [e.T], of_period(0.01 * number))
+    assert not across.any()
     assert factors.mean() == pytest.approx(counted, rel=0.25)
     assert factors.mean() == pytest.approx(1 + share * (periods - 1), abs=0.15)
-    assert (repetition([t], [e.T], np.inf) == 1).all()
+    np.testing.assert_allclose(factors, 1 + correlation * (periods - 1))
 
 
 def fit_of(*pieces):
     """A fit of recordings of one piece each, as far as `trials` reads it."""
     noises = [SimpleNamespace(states=np.zeros(pieces[0].states.shape[1]))] * len(pieces)
     pieces = [SimpleNamespace(log=log, **vars(piece)) for log, piece in enumerate(pieces)]
-    return SimpleNamespace(pieces=pieces, noises=noises)
+    return SimpleNamespace(pieces=pieces, noises=noises, coordinate_noise=noises[0].states, channel_noise=np.zeros(1))
 
 
 def part(whole, start, stop, clock=0.0):
@@ -141,12 +147,12 @@ def test_residuals_of_trials_count_once(rng, same, factor):
     (own,) = trials(fit_of(whole, part(whole, 0, 1000, 7.0), whole))
     errors = rng.normal(size=(1 if same else 3, 1000, 20))
     times = [piece.time + own.starts[log] for log, piece in enumerate((whole, part(whole, 0, 1000, 7.0), whole))]
-    factors = repetition(times, [*errors] * (3 // len(errors)), own.lag)
+    *_, factors = repetition(times, [*errors] * (3 // len(errors)), own)
     assert factors.mean() == pytest.approx(factor, abs=0.1)
 
 
 @cache
-def estimated(periods, size, known=False, heavier=1.0, logs=1):
+def estimated(periods, size, known=False, heavier=1.0, logs=1, own=()):
     """Estimate of the arm in some periods of a motion, with torques of a size that repeat with it and have no cause.
 
     In each of several logs, with other noise.
@@ -158,15 +164,15 @@ def estimated(periods, size, known=False, heavier=1.0, logs=1):
     torque += size * np.einsum(
         "tkw,jkw->tj", np.stack([np.sin(waves), np.cos(waves)], axis=1), rng.normal(size=(3, 2, 20))
     )
-    own, recordings = np.random.default_rng(4), []
+    draws, recordings = np.random.default_rng(4), []
     for _ in range(logs):
-        noise = own.normal(size=(2, *torque.shape))
+        noise = draws.normal(size=(2, *torque.shape))
         measured = (torque + 0.02 * noise[0]).T, (states[0] + 1e-4 * noise[1]).T
         channels = {f"{joint}_torque": x for joint, x in zip(arm.JOINTS, measured[0], strict=True)}
         channels |= {f"{joint}_position": x for joint, x in zip(arm.JOINTS, measured[1], strict=True)}
         recordings.append(ident.Recording(t, channels))
     model = replace(arm.mechanism(), prior=heavier * arm.mechanism().prior)
-    return ident.identify(model, recordings, known=known, holdout=0)
+    return ident.identify(model, recordings, known=known, holdout=0, own=own)
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.65, 0.8), (0.02, 0.9, 1.5)])
@@ -183,6 +189,16 @@ def test_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repe
     assert (0.9 < ratio < 1.1) if size else (0.5 < ratio < 0.65)
     expected = [tuple(range(1, logs + 1))] * bool(size)
     assert [each.values["logs"] for each in many.findings if each.code == "logs_repeat"] == expected
+
+
+def test_what_repeats_counts_once_for_what_logs_share_alone(monkeypatch):
+    """Friction of each log for itself is told by that log alone."""
+    joint = estimated(1.5, 0.02, logs=3, own=("friction",)).trajectory
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: trials(fit))
+    alone = with_scatter(joint.measurement, joint.fit)
+    ratio = np.sqrt(np.diag(joint.fit.covariance) / np.maximum(np.diag(alone.covariance), 1e-300))
+    rubs = np.array([name.startswith(("Fv(", "Fc(")) for name in joint.fit.names])
+    assert np.median(ratio[:9]) > 1.5 and np.median(ratio[rubs]) < 1.15
 
 
 def test_what_repeats_is_counted_in_all_pieces(monkeypatch):

@@ -10,6 +10,7 @@ import ident
 from experiments.studies.person_recordings import autoregressive
 from ident.trajectory.fit import noise_colours, sandwich
 from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
+from ident.trajectory.fit.repeats import RepeatedMotion
 from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
@@ -17,11 +18,12 @@ AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
 COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
 
 
-def dense(y, sizes):
-    """`yᵀ Γ y` with a dense Γ."""
+def dense(y, sizes, around=np.inf):
+    """`yᵀ Γ y` with a dense Γ, of periodic noise also around its period."""
     apart = STEP * np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
     noise = sizes[0] * np.eye(len(y)) + sum(
-        size * np.exp(-apart / time) for size, time in zip(sizes[1:], TIMES[1:], strict=True)
+        size * sum(np.exp(-each / time) for each in (apart, around - apart, around + apart))
+        for size, time in zip(sizes[1:], TIMES[1:], strict=True)
     )
     return y.T @ noise @ y
 
@@ -35,24 +37,29 @@ def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
 
 
 def piece(start, *, samples=50, origin=0.0):
-    return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin, log=0)
+    time = start + STEP * np.arange(samples)
+    return SimpleNamespace(time=time, when=time, origin=origin, log=0)
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
-def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
-    """For unit white weights: `Mᵀ λP M + c Rᵀ Γ R` with repetition c, over two adjacent pieces as over one."""
+@pytest.mark.parametrize("r", [0.0, 0.4, 1.0])
+def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
+    """For unit white weights, of two pieces, of which a part r of the noise repeats the other's: against dense sums."""
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
-    streams = [SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP)]
-    places = iter(rows)
+    places = iter(zip((0.0, start), rows, strict=True))
 
     def response(*at):
-        blocks = [(slice(None), next(places))]
-        return SimpleNamespace(streams=streams, blocks=lambda _: blocks, scatter_of_motion=of_motion.copy())
+        first, own = next(places)
+        time = first + STEP * np.arange(50)
+        stream = SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
+        return SimpleNamespace(
+            streams=[stream], blocks=lambda _: [(slice(None), own)], scatter_of_motion=of_motion.copy()
+        )
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
-    own = SimpleNamespace(starts={0: 0.0})
-    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: [(own, np.array([3.0]))])
+    motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([[r], [0.0]]), np.array([1 + r]))
+    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: [motion])
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
@@ -60,7 +67,12 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
     every = np.concatenate(rows)[:, 0]
     parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
-    expected = 2 * of_motion + 3 * 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    apart = sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    sums = np.zeros((round(start / STEP), 2))
+    for at, own in zip((0, round(start / STEP)), rows, strict=True):
+        np.add.at(sums, (at + np.arange(50)) % len(sums), own[:, 0])
+    repeated = dense(sums, AMPLITUDES[:, 0], around=start)
+    expected = 2 * of_motion + 4 * ((1 - r) * apart + r * repeated)
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
 
