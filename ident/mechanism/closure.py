@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
 from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
+from ident.mechanism.parallel_axes import nearly_parallel
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -41,6 +42,10 @@ one in which bodies are aligned."""
 
 NEAR = 0.06
 """Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
+
+FULL, DRAWN = 1e-6, 8
+"""Part of the largest singular value above which rows of a constraint are independent, and the number of states in
+which one that moves only by chance does not stay within it."""
 
 
 @dataclass(frozen=True)
@@ -253,6 +258,14 @@ class Closure:
         x = np.resize(np.concatenate(kept), (samples, len(own)))
         return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
 
+    def ranks(self) -> list[int]:
+        """Number of independent rows of each constraint in random states, to `FULL`."""
+        drawn = self.drawn(np.random.default_rng(0), DRAWN)
+        x = np.concatenate([np.zeros((DRAWN, 0)), *(drawn[joint] for joint in self.independent)], axis=1)
+        q = self._joined(self._coordinates, x, self.solved(x))
+        each = (replace(self, constraints=(row,)).rows(q)[1] for row in self.constraints)
+        return [int(np.linalg.matrix_rank(J, rtol=FULL).max()) for J in each]
+
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
         # A column of zeros leaves something to compare where nothing is independent.
@@ -300,10 +313,12 @@ class Closure:
 
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
-        names = " ".join(each.name for each in self.constraints)
+        names, bodies = " ".join(each.name for each in self.constraints), self.part.bodies
+        off = ", ".join(f"{bodies[i].joint} {turn.angle:.2g} rad" for i, turn in nearly_parallel(self.part).items())
         return ModelError(
-            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes, or leave a wrong constraint out "
-            f"with --ignore, of {names}."
+            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes"
+            f"{f' ({off} off parallel)' if off else ''}, or leave a wrong constraint out with --ignore, "
+            f"of {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
