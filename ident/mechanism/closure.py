@@ -313,8 +313,8 @@ class Closure:
 
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
-        names, bodies = " ".join(each.name for each in self.constraints), self.part.bodies
-        off = ", ".join(f"{bodies[i].joint} {turn.angle:.2g} rad" for i, turn in nearly_parallel(self.part).items())
+        names = " ".join(each.name for each in self.constraints)
+        off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in nearly_parallel(self.part.bodies).values())
         return ModelError(
             f"Loops leave {', '.join(self.dependent)} no motion. Align their axes"
             f"{f' ({off} off parallel)' if off else ''}, or leave a wrong constraint out with --ignore, "

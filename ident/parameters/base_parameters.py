@@ -15,8 +15,8 @@ from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parallel_axes import alignments
 from ident.mechanism.tree import Tree
+from ident.parameters.aligned_loops import alignments
 from ident.parameters.independent_columns import (
     DEPENDENT,
     NEGLIGIBLE,
