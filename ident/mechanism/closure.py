@@ -172,33 +172,31 @@ class Closure:
         if self.direct:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
         flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
-        return self._continued(flat)[0].reshape(*np.shape(x)[:-1], len(self.dependent))
+        return self._continued(flat)[0][:, self._coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
 
     def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Dependent coordinates (N, d), and if watched, the smallest singular values on the way to them (N,).
+        """Coordinates of the part (N, n_q), and if watched, the smallest singular values on the way to them (N,).
 
         Those are zero beyond a posture in which a determinant changes its sign.
         """
-        (own, other), d = self._coordinates, self._freedoms[1]
-        anchors, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
-        start, y = anchors[:, own], anchors[:, other]
-        before = self.rows(anchors)[1][..., d] if watched else None
+        own, d = self._coordinates[0], self._freedoms[1]
+        q, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
+        start, before = q[:, own], self.rows(q)[1][..., d] if watched else None
         far = np.abs((x - start) * self._scale).max(initial=0)
         shares = np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)
         for share in shares[1:] if far else shares:
-            at = start + share * (x - start)
-            y = self._newton(at, y, ITERATIONS if share == shares[-1] else 4)
+            q[:, own] = start + share * (x - start)
+            q = self._newton(q, ITERATIONS if share == shares[-1] else 4)
             if before is not None:
-                J = self.rows(self._joined(self._coordinates, at, y))[1][..., d]
+                J = self.rows(q)[1][..., d]
                 passes = np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
                 least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
-        return y, least
+        return q, least
 
     @cached_property
     def _posed(self) -> np.ndarray:
         """Coordinates of the part in the model's posture, closed as far as Newton's method gets (1, n_q)."""
-        x, y = (self.anchors[:1, own] for own in self._coordinates)
-        return self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
+        return self._newton(self.anchors[:1], ITERATIONS)
 
     @property
     def apart(self) -> float:
@@ -240,8 +238,8 @@ class Closure:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
         if self.direct:
             return np.ones(len(x), bool)
-        y, least = self._continued(x, watched=True)
-        residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        q, least = self._continued(x, watched=True)
+        residual, J, _ = self.rows(q)
         left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
         apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
         return np.asarray((apart < OPEN) & (left < CLOSED) & (least > NEAR))
@@ -262,7 +260,7 @@ class Closure:
         """Number of independent rows of each constraint in random states, to `FULL`."""
         drawn = self.drawn(np.random.default_rng(0), DRAWN)
         x = np.concatenate([np.zeros((DRAWN, 0)), *(drawn[joint] for joint in self.independent)], axis=1)
-        q = self._joined(self._coordinates, x, self.solved(x))
+        q = self._continued(x)[0]
         each = (replace(self, constraints=(row,)).rows(q)[1] for row in self.constraints)
         return [int(np.linalg.matrix_rank(J, rtol=FULL).max()) for J in each]
 
@@ -273,20 +271,21 @@ class Closure:
         distance, nearest = cKDTree(places[0]).query(places[1])
         return distance, nearest
 
-    def _newton(self, x: np.ndarray, y: np.ndarray, iterations: int) -> np.ndarray:
+    def _newton(self, q: np.ndarray, iterations: int) -> np.ndarray:
+        """Coordinates of the part (N, n_q) with the dependent ones as close to the loops' closure as they come."""
         for _ in range(iterations):
-            residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+            residual, J, _ = self.rows(q)
             step = _least_squares(J[..., self._freedoms[1]], residual[..., None])[..., 0]
             size = np.abs(step).max(axis=-1, initial=0, keepdims=True)
-            y = y - step / np.maximum(1, 2 * size)
+            q = q.copy()
+            q[..., self._coordinates[1]] -= step / np.maximum(1, 2 * size)
             if size.max(initial=0) < 1e-12:
                 break
-        return y
+        return q
 
     def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
-        y, least = self._continued(x, watched=True)
-        q = self._joined(self._coordinates, x, y)
+        q, least = self._continued(x, watched=True)
         self._check(q, least == 0, time)
         return q
 
