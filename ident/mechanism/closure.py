@@ -8,7 +8,6 @@ step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a +
 constraints, as those of loops in a plane are.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -106,22 +105,22 @@ class Closure:
         own = self.part.body_coordinates(self.anchors[0])
         return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
-    def _linear_in(self, joints: Collection[str]) -> bool:
-        """True if all constraints are linear in the coordinates of some joints."""
-        bodies = [body for body in self.part.bodies if (body.follows.joint if body.follows else body.joint) in joints]
-        curved = any(body.follows and len(body.follows.coefficients) > 2 for body in bodies)
-        names = {body.name for body in bodies}
-        return not curved and all(isinstance(each, Relation) and each.linear_in(names) for each in self.constraints)
+    def _linear_in(self, coordinates: np.ndarray) -> bool:
+        """True if all constraints are sums of joints that are linear in some of the part's coordinates."""
+        q = np.tile(np.random.default_rng(0).normal(size=self.part.size), (2, 1))
+        q[1, coordinates] += 1
+        before, after = self.rows(q)[1]
+        return all(isinstance(each, Relation) for each in self.constraints) and np.allclose(before, after, 1e-12, 1e-12)
 
     @cached_property
     def direct(self) -> bool:
         """True if the constraints are linear in the dependent coordinates."""
-        return self._linear_in(self.dependent)
+        return self._linear_in(self._coordinates[1])
 
     @cached_property
     def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
         """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
-        if not self._linear_in(self.part.joints):
+        if not self._linear_in(np.arange(self.part.size)):
             return None
         (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
         return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]

@@ -92,10 +92,6 @@ class Relation:
         """Names of the bodies that the joints carry."""
         return tuple(name for name, _ in (*self.first, *self.second))
 
-    def linear_in(self, bodies: Collection[str]) -> bool:
-        """True if the relation is linear in the coordinates that carry some bodies."""
-        return len(self.coefficients) <= 2 or not {name for name, _ in self.second} & {*bodies}
-
     def fixed(self, body: str, value: float) -> "Relation":
         """The relation with one coordinate fixed."""
         shift = sum(weight * value for name, weight in self.second if name == body)

@@ -365,12 +365,10 @@ class Tree:
     @cached_property
     def slopes_in_posture(self) -> np.ndarray:
         """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
-        q = [np.zeros(0)]
         at = self.closure.posture if self.closure else {}
-        for i in self.moving:
-            body = self.bodies[i]
-            q.append(at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)))
-        return self.slopes(np.concatenate(q))
+        moving = (self.bodies[i] for i in self.moving)
+        q = (at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)) for body in moving)
+        return self.slopes(np.concatenate([np.zeros(0), *q]))
 
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""
