@@ -300,7 +300,7 @@ class Closure:
             names = ", ".join(f"'{each.name}'" for each in self.constraints)
             raise ModelError(
                 f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
-                f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
+                f"model's posture, its axes{self._off}, and the zeros, signs and units of {joints or 'its joints'}."
             )
         if not joints:
             raise self.rigid()
@@ -309,14 +309,19 @@ class Closure:
             "posture out, or log one of these joints."
         )
 
+    @property
+    def _off(self) -> str:
+        """Angles by which axes are off parallel in parentheses, empty for none."""
+        turns = nearly_parallel(self.part.bodies).values()
+        off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in turns)
+        return off and f" (off parallel: {off})"
+
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
         names = " ".join(each.name for each in self.constraints)
-        off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in nearly_parallel(self.part.bodies).values())
         return ModelError(
-            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes"
-            f"{f' ({off} off parallel)' if off else ''}, or leave a wrong constraint out with --ignore, "
-            f"of {names}."
+            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes{self._off}, or leave a wrong "
+            f"constraint out with --ignore, of {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

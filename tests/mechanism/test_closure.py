@@ -251,12 +251,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
-            r"Loops leave crank, rod, rocker no motion\. Align their axes \(rocker 0\.02 rad off parallel\), or",
+            r"Loops leave crank, rod, rocker no motion\. Align their axes \(off parallel: rocker 0\.02 rad\), or",
+        ),
+        (
+            FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.003 1 0"'),
+            log_of([2 * SWING]),
+            r"cannot be closed at 1\.\d+ s: .* m remain\. Check .* its axes \(off parallel: rocker 0\.003 rad\), and",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
     ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
-         "infinite", "skew", "undetermined"],
+         "infinite", "skew", "nearly skew", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
