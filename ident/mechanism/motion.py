@@ -176,7 +176,8 @@ class Carrier:
 
     def closed(self, lacking: Collection[str]) -> "Carrier":
         """The carrier with those joints dependent that loops determine, if some without positions are among them."""
-        return replace(self, tree=self.constraints.closing(self.tree, lacking))
+        tree = self.constraints.closing(self.tree, lacking)
+        return self if tree is self.tree else replace(self, tree=tree)
 
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.
