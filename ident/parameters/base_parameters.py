@@ -255,13 +255,13 @@ def _of_samples(
 ) -> BaseParameters:
     """Regrouping of a mechanism with followers or loops, in which axes are parallel that have to be."""
     needed, every = alignments(mechanism.tree)
-    Y = sampled_structure(mechanism, sensors)
-    base = _of_regressor(Y, 1.0, names, kept)
+    Y, base = sampled_structure(mechanism, sensors), None
     if needed.angles:
         aligned = sampled_structure(replace(mechanism, tree=needed.tree), sensors)
         parallel, rank = _of_regressor(aligned, 1.0, names, kept), numerical_rank(_singular_values(Y), NEGLIGIBLE)
         if more := _independent_beyond(parallel, Y, rank):
             Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
+    base = base or _of_regressor(Y, 1.0, names, kept)
     if every.angles != needed.angles:
         parallel = _of_regressor(sampled_structure(replace(mechanism, tree=every.tree), sensors), 1.0, names, None)
         if more := _independent_beyond(parallel, Y, base.rank):
