@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.geometry.inertia import parameter_transform
+from ident.geometry.se3 import pose
 from ident.mechanism.dh import Frame, tree_from_mdh
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
@@ -65,7 +67,8 @@ def test_ranks_and_regroupings_are_equal(golden, regressor, key, sensors):
         np.testing.assert_allclose(base.beta[:, places], expected["beta"], rtol=0, atol=1e-9)
 
 
-def test_a_parallelogram_adds_three_parameters_to_an_arm():
+@pytest.fixture(scope="module")
+def sr400():
     """SR400 by OpenSYMORO's file: of six joints as an RX90's, with a parallelogram of the links 2, 3, 7 and 8."""
     half = np.pi / 2
     geometry = {"alpha": [0, -half, 0, -half, half, -half, -half, 0], "d": [0, 4, 8, -2, 0, 0, 4, 10]}
@@ -83,15 +86,47 @@ def test_a_parallelogram_adds_three_parameters_to_an_arm():
         )
         for k, before in enumerate((0, 1, 2, 3, 4, 5, 1, 7))
     ]
-    tree = tree_from_mdh(frames)
-    assert (tree.joints, tree.dependent) == (("1", "2", "4", "5", "6", "7"), ("3", "8"))
-    poses = tree.poses(np.random.default_rng(0).uniform(-2, 2, (20, 6)))
+    return tree_from_mdh(frames)
+
+
+TORQUES = Sensors(base_wrench=False, joint_torques=True)
+
+
+def test_a_parallelogram_adds_three_parameters_to_an_arm(sr400):
+    assert (sr400.joints, sr400.dependent) == (("1", "2", "4", "5", "6", "7"), ("3", "8"))
+    poses = sr400.poses(np.random.default_rng(0).uniform(-2, 2, (20, 6)))
     pins = ("8", [8, 0, 0, 1]), ("3", [0, -10, 0, 1])
-    ends = [poses[:, tree.names.index(name)] @ pin for name, pin in pins]
+    ends = [poses[:, sr400.names.index(name)] @ pin for name, pin in pins]
     np.testing.assert_allclose(*ends, atol=1e-12)
-    torques = Sensors(base_wrench=False, joint_torques=True)
-    gravity = np.array([0, 0, -9.81])
-    names = find_base_parameters(tree, gravity=gravity, sensors=torques).names
+    names = find_base_parameters(sr400, gravity=np.array([0, 0, -9.81]), sensors=TORQUES).names
     rx90 = json.loads((Path(__file__).parent / "data" / "rx90.json").read_text(encoding="utf-8"))
     assert len(names) == rx90["grouping_joint_torque"]["rank"] + 3
     assert [name for name in names if name[-1] in "78"] == ["m7rx7", "m7ry7", "m8ry8"]
+
+
+def test_published_rules_give_all_groups_of_an_arm_with_a_parallelogram(sr400):
+    """By joints (Gautier and Khalil, doi:10.1109/70.56655) and sides (Bennis, Khalil and Gautier, IEEE ICRA 1992).
+
+    What a joint's axis does not turn counts on the body before. Opposite sides turn alike, so that all their inertias
+    count on one of them; a first moment of side 8 along side 2 counts on the others.
+    """
+    base = find_base_parameters(sr400, gravity=np.array([0, 0, -9.81]), sensors=TORQUES)
+    turns = sr400.poses(np.array([0.3, -0.2, 0.5, 1.1, 0.4, -0.9]))[:, :3, :3]
+    about_axis = np.zeros((3, 10))
+    about_axis[[0, 1, 2, 2], [0, 3, 4, 5]] = 1
+    rules = list[dict[int, np.ndarray]]()
+    for k, body in enumerate(sr400.bodies[1:], 1):
+        rules += [{k: own, body.parent: -parameter_transform(body.home) @ own} for own in about_axis]
+    # Of the first body, on a vertical axis, nothing but the moment of inertia about it shows.
+    rules += [{0: own} for own in np.eye(10)[[0, 1, 2, 3, 4, 5, 7, 8, 9]]]
+    for side, opposite in ((6, 2), (7, 1)):
+        turned = parameter_transform(pose(turns[opposite].T @ turns[side], np.zeros(3)))
+        rules += [{side: own, opposite: -turned @ own} for own in np.eye(10)[4:]]
+    along = {7: (8, 0, 0), 1: (-8, 0, 0), 6: (10, 0, 0), 2: (0, 10, 0)}
+    rules.append({k: np.r_[0, moment, np.zeros(6)] for k, moment in along.items()})
+    grouped = np.zeros((len(rules), 8, 10))
+    for row, rule in zip(grouped, rules, strict=True):
+        row[list(rule)] = list(rule.values())
+    grouped = grouped.reshape(len(rules), 80)
+    np.testing.assert_allclose(base.regroup(grouped), 0, atol=1e-8)
+    assert np.linalg.matrix_rank(grouped) == 80 - base.rank

@@ -89,12 +89,12 @@ class Measurement:
     def of_base(self) -> int:
         """Number of coordinates of the base's motion: its carrier's joints', or a position and a quaternion."""
         carrier = self.equations.mechanism.carrier
-        return carrier.coordinates if carrier else 7 if self.moving else 0
+        return carrier.tree.size if carrier else 7 if self.moving else 0
 
     @cached_property
     def coordinates(self) -> int:
         """Number of coordinates of the base and of the joints."""
-        return self.of_base + sum(body.coordinates for body in self.tree.bodies)
+        return self.of_base + self.tree.size
 
     @cached_property
     def zeros(self) -> dict[int, int]:

@@ -47,25 +47,22 @@ class Follower:
 
     def slope(self, q: Any) -> Any:
         """f'(q) for the same types."""
-        return horner(tuple(Polynomial(self.coefficients).deriv().coef.tolist()), q)
-
-    def bend(self, q: Any) -> Any:
-        """f''(q) for the same types."""
-        return horner(tuple(Polynomial(self.coefficients).deriv(2).coef.tolist()), q)
+        return horner(self.coefficients, q, 1)
 
     def states(self, q: Any, *rates: Any) -> tuple[Any, ...]:
         """The follower's coordinate, and its velocity and acceleration if the leader's are given."""
         slope = self.slope(q) if rates else None
         out = [self.value(q), *(slope * rate for rate in rates)]
         if len(rates) > 1:
-            out[2] = out[2] + self.bend(q) * (rates[0] * rates[0])
+            out[2] = out[2] + horner(self.coefficients, q, 2) * (rates[0] * rates[0])
         return tuple(out)
 
 
-def horner(coefficients: tuple[float, ...], q: Any) -> Any:
-    """Value of a polynomial from its coefficients, the constant first."""
-    out = q * 0 + coefficients[-1]
-    for c in reversed(coefficients[:-1]):
+def horner(coefficients: tuple[float, ...], q: Any, order: int = 0) -> Any:
+    """Value of a polynomial from its coefficients, the constant first, or of a derivative of some order."""
+    *others, last = Polynomial(coefficients).deriv(order).coef.tolist()
+    out = q * 0 + last
+    for c in reversed(others):
         out = out * q + c
     return out
 

@@ -8,7 +8,6 @@ step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a +
 constraints, as those of loops in a plane are.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from scipy.spatial import cKDTree
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
 from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
+from ident.mechanism.parallel_axes import nearly_parallel
 from ident.tolerances import ROUNDING
 
 if TYPE_CHECKING:
@@ -39,6 +39,10 @@ one in which bodies are aligned."""
 
 NEAR = 0.06
 """Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
+
+FULL, DRAWN = 1e-6, 8
+"""Part of the largest singular value above which rows of a constraint are independent, and the number of states in
+which one that moves only by chance does not stay within it."""
 
 
 @dataclass(frozen=True)
@@ -99,22 +103,22 @@ class Closure:
         own = self.part.body_coordinates(self.anchors[0])
         return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
-    def _linear_in(self, joints: Collection[str]) -> bool:
-        """True if all constraints are linear in the coordinates of some joints."""
-        bodies = [body for body in self.part.bodies if (body.follows.joint if body.follows else body.joint) in joints]
-        curved = any(body.follows and len(body.follows.coefficients) > 2 for body in bodies)
-        names = {body.name for body in bodies}
-        return not curved and all(isinstance(each, Relation) and each.linear_in(names) for each in self.constraints)
+    def _linear_in(self, coordinates: np.ndarray) -> bool:
+        """True if all constraints are sums of joints that are linear in some of the part's coordinates."""
+        q = np.tile(np.random.default_rng(0).normal(size=self.part.size), (2, 1))
+        q[1, coordinates] += 1
+        before, after = self.rows(q)[1]
+        return all(isinstance(each, Relation) for each in self.constraints) and np.allclose(before, after, 1e-12, 1e-12)
 
     @cached_property
     def direct(self) -> bool:
         """True if the constraints are linear in the dependent coordinates."""
-        return self._linear_in(self.dependent)
+        return self._linear_in(self._coordinates[1])
 
     @cached_property
     def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
         """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
-        if not self._linear_in(self.part.joints):
+        if not self._linear_in(np.arange(self.part.size)):
             return None
         (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
         return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]
@@ -165,33 +169,31 @@ class Closure:
         if self.direct:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
         flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
-        return self._continued(flat)[0].reshape(*np.shape(x)[:-1], len(self.dependent))
+        return self._continued(flat)[0][:, self._coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
 
     def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Dependent coordinates (N, d), and if watched, the smallest singular values on the way to them (N,).
+        """Coordinates of the part (N, n_q), and if watched, the smallest singular values on the way to them (N,).
 
         Those are zero beyond a posture in which a determinant changes its sign.
         """
-        (own, other), d = self._coordinates, self._freedoms[1]
-        anchors, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
-        start, y = anchors[:, own], anchors[:, other]
-        before = self.rows(anchors)[1][..., d] if watched else None
+        own, d = self._coordinates[0], self._freedoms[1]
+        q, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
+        start, before = q[:, own], self.rows(q)[1][..., d] if watched else None
         far = np.abs((x - start) * self._scale).max(initial=0)
         shares = np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)
         for share in shares[1:] if far else shares:
-            at = start + share * (x - start)
-            y = self._newton(at, y, ITERATIONS if share == shares[-1] else 4)
+            q[:, own] = start + share * (x - start)
+            q = self._newton(q, ITERATIONS if share == shares[-1] else 4)
             if before is not None:
-                J = self.rows(self._joined(self._coordinates, at, y))[1][..., d]
+                J = self.rows(q)[1][..., d]
                 passes = np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
                 least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
-        return y, least
+        return q, least
 
     @cached_property
     def _posed(self) -> np.ndarray:
         """Coordinates of the part in the model's posture, closed as far as Newton's method gets (1, n_q)."""
-        x, y = (self.anchors[:1, own] for own in self._coordinates)
-        return self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
+        return self._newton(self.anchors[:1], ITERATIONS)
 
     @property
     def apart(self) -> float:
@@ -233,8 +235,8 @@ class Closure:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
         if self.direct:
             return np.ones(len(x), bool)
-        y, least = self._continued(x, watched=True)
-        residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        q, least = self._continued(x, watched=True)
+        residual, J, _ = self.rows(q)
         left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
         apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
         return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))
@@ -251,6 +253,14 @@ class Closure:
         x = np.resize(np.concatenate(kept), (samples, len(own)))
         return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
 
+    def ranks(self) -> list[int]:
+        """Number of independent rows of each constraint in random states, to `FULL`."""
+        drawn = self.drawn(np.random.default_rng(0), DRAWN)
+        x = np.concatenate([np.zeros((DRAWN, 0)), *(drawn[joint] for joint in self.independent)], axis=1)
+        q = self._continued(x)[0]
+        each = (replace(self, constraints=(row,)).rows(q)[1] for row in self.constraints)
+        return [int(np.linalg.matrix_rank(J, rtol=FULL).max()) for J in each]
+
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
         # A column of zeros leaves something to compare where nothing is independent.
@@ -258,20 +268,21 @@ class Closure:
         distance, nearest = cKDTree(places[0]).query(places[1])
         return distance, nearest
 
-    def _newton(self, x: np.ndarray, y: np.ndarray, iterations: int) -> np.ndarray:
+    def _newton(self, q: np.ndarray, iterations: int) -> np.ndarray:
+        """Coordinates of the part (N, n_q) with the dependent ones as close to the loops' closure as they come."""
         for _ in range(iterations):
-            residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+            residual, J, _ = self.rows(q)
             step = _least_squares(J[..., self._freedoms[1]], residual[..., None])[..., 0]
             size = np.abs(step).max(axis=-1, initial=0, keepdims=True)
-            y = y - step / np.maximum(1, 2 * size)
+            q = q.copy()
+            q[..., self._coordinates[1]] -= step / np.maximum(1, 2 * size)
             if size.max(initial=0) < 1e-12:
                 break
-        return y
+        return q
 
     def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
-        y, least = self._continued(x, watched=True)
-        q = self._joined(self._coordinates, x, y)
+        q, least = self._continued(x, watched=True)
         self._check(q, least == 0, time)
         return q
 
@@ -287,7 +298,7 @@ class Closure:
             names = ", ".join(f"'{each.name}'" for each in self.constraints)
             raise ModelError(
                 f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
-                f"model's posture, and the zeros, signs and units of {joints or 'its joints'}."
+                f"model's posture, its axes{self._off}, and the zeros, signs and units of {joints or 'its joints'}."
             )
         if not joints:
             raise self.rigid()
@@ -296,12 +307,19 @@ class Closure:
             "posture out, or log one of these joints."
         )
 
+    @property
+    def _off(self) -> str:
+        """Angles by which axes are off parallel in parentheses, empty for none."""
+        turns = nearly_parallel(self.part.bodies).values()
+        off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in turns)
+        return off and f" (off parallel: {off})"
+
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
         names = " ".join(each.name for each in self.constraints)
         return ModelError(
-            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes, or leave a wrong constraint out "
-            f"with --ignore, of {names}."
+            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes{self._off}, or leave a wrong "
+            f"constraint out with --ignore, of {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

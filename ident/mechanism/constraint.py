@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from ident.geometry.se3 import Ad, ad, applied, hat
-from ident.mechanism.body import BASE, horner
+from ident.mechanism.body import BASE, Follower
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -92,10 +92,6 @@ class Relation:
         """Names of the bodies that the joints carry."""
         return tuple(name for name, _ in (*self.first, *self.second))
 
-    def linear_in(self, bodies: Collection[str]) -> bool:
-        """True if the relation is linear in the coordinates that carry some bodies."""
-        return len(self.coefficients) <= 2 or not {name for name, _ in self.second} & {*bodies}
-
     def fixed(self, body: str, value: float) -> "Relation":
         """The relation with one coordinate fixed."""
         shift = sum(weight * value for name, weight in self.second if name == body)
@@ -106,17 +102,17 @@ class Relation:
 
     def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
         """The row of the constraint."""
-        sums, by_body, law = [], dict[int, np.ndarray](), Polynomial(self.coefficients)
+        sums, by_body, law = [], dict[int, np.ndarray](), Follower(self.name, self.coefficients)
         for weights in (self.first, self.second):
             own = [[weight * x for x in at.states[tree.names.index(name)]] for name, weight in weights]
             sums.append([sum(terms) for terms in zip(*own, strict=True)] or [np.zeros(1)] * 3)
-        (left, _, ddleft), (x, dx, ddx) = sums
-        value, slope, bend = (horner(tuple(each.coef.tolist()), x) for each in (law, law.deriv(), law.deriv(2)))
-        for weights, factor in ((self.first, 1.0), (self.second, -slope)):
+        (left, _, ddleft), right = sums
+        value, _, ddvalue = law.states(*right)
+        for weights, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
             for name, weight in weights:
                 i = tree.names.index(name)
                 by_body[i] = by_body.get(i, 0) + (factor * weight + 0 * at.states[i][0])[..., None]
-        return left - value, by_body, ddleft - slope * ddx - bend * dx * dx
+        return left - value, by_body, ddleft - ddvalue
 
 
 Constraint = Coincidence | Relation

@@ -60,6 +60,15 @@ class Constraints:
         closure = self._closure(tree, ())
         return closure.rows(closure.anchors)[1][0], closure.owners("freedoms")
 
+    def closing(self, tree: "Tree", lacking: Collection[str], driven: Collection[str] = ()) -> "Tree":
+        """The tree with its loops closed, itself where all their joints are measured and none is driven.
+
+        Arguments and errors are as for `dependent` and `closed`.
+        """
+        names = () if tree.closure else self.dependent(tree, lacking, driven)
+        needed = {*names} & {*lacking} or (names and {*driven} & {*self.coupled(tree)})
+        return self.closed(tree, names) if needed else tree
+
     def closed(self, tree: "Tree", dependent: tuple[str, ...]) -> "Tree":
         """The tree with loops closed in the model's posture, those joints dependent.
 

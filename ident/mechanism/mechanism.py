@@ -197,11 +197,8 @@ class Mechanism(Brief):
         Raises:
             ModelError: A loop cannot be closed in the model's posture, is singular there, or has no motion.
         """
-        names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking, driven)
-        if not {*names} & {*lacking} and not (names and {*driven} & {*self.in_loops}):
-            return self
-        tree = self.constraints.closed(self.tree, names)
-        return replace(self, tree=tree, **self._of_joints(tree))
+        tree = self.constraints.closing(self.tree, lacking, driven)
+        return self if tree is self.tree else replace(self, tree=tree, **self._of_joints(tree))
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:
         """Names of the joints by which each joint without a position is determined, from those of joints with one."""

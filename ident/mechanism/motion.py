@@ -119,9 +119,8 @@ class Motion:
         tree.body_coordinates(q)
         tree.body_velocities(dq)
         if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
-            columns = sum(body.coordinates for body in tree.bodies)
             raise InputError(
-                f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
+                f"q, dq and ddq need one number of samples N, shapes (N, {tree.size}), (N, {len(tree.freedoms)}) and "
                 f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
             )
         if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
@@ -175,17 +174,10 @@ class Carrier:
         """Names of the joints."""
         return self.tree.joints
 
-    @property
-    def coordinates(self) -> int:
-        """Number of the joints' coordinates."""
-        return sum(body.coordinates for body in self.tree.bodies)
-
     def closed(self, lacking: Collection[str]) -> "Carrier":
         """The carrier with those joints dependent that loops determine, if some without positions are among them."""
-        names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking)
-        if not {*names} & {*lacking}:
-            return self
-        return replace(self, tree=self.constraints.closed(self.tree, names))
+        tree = self.constraints.closing(self.tree, lacking)
+        return self if tree is self.tree else replace(self, tree=tree)
 
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.

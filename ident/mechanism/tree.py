@@ -204,22 +204,24 @@ class Tree:
         """
         if self.closure is None or np.shape(q)[-1] != self.size:
             return q
-        return np.concatenate([q, self.closure.solved(self._coordinates_of_part(q))], axis=-1)
+        return np.concatenate([q, self.closure.solved(np.asarray(q)[..., self._of_loops[0]])], axis=-1)
 
     def closes(self, q: np.ndarray) -> np.ndarray:
         """True for joint coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
-        return self.closure.closes(self._coordinates_of_part(q)) if self.closure else np.ones(len(q), bool)
+        return self.closure.closes(np.asarray(q)[..., self._of_loops[0]]) if self.closure else np.ones(len(q), bool)
 
-    def _coordinates_of_part(self, q: np.ndarray) -> np.ndarray:
-        return self._of_part({b.joint: own for b, own in zip(self.bodies, self.body_coordinates(q), strict=True)})
-
-    def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
-        """States of the loops' independent joints (…, n) from those of all joints."""
-        independent = self.closure.independent if self.closure else ()
-        if self.closure and not own:
+    @cached_property
+    def _of_loops(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the loops' independent joints, in the loops' order, among the coordinates and the velocities."""
+        if self.closure and not self.size:
             raise self.closure.rigid()
-        first = next(iter(own.values()))
-        return np.concatenate([first[..., :0], *(own[joint] for joint in independent)], axis=-1)
+        independent, out = self.closure.independent if self.closure else (), list[np.ndarray]()
+        for sizes in ([body.coordinates for body in self.bodies], [body.freedoms for body in self.bodies]):
+            own = {
+                b.joint: range(end - n, end) for b, n, end in zip(self.bodies, sizes, accumulate(sizes), strict=True)
+            }
+            out.append(np.array([k for joint in independent for k in own[joint]], int))
+        return out[0], out[1]
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""
@@ -322,8 +324,8 @@ class Tree:
         dealt = list(zip(self.body_coordinates(q), *map(self.body_velocities, rates), strict=True))
         leaders = {self.bodies[i].joint: dealt[i] for i in self.moving}
         if self.closure:
-            inputs = [self._of_part({joint: own[k] for joint, own in leaders.items()}) for k in range(1 + len(rates))]
-            states = self.closure.completed(inputs[0], self.started(q)[..., self.size :], *inputs[1:])
+            x, *own = (np.asarray(values)[..., self._of_loops[k > 0]] for k, values in enumerate((q, *rates)))
+            states = self.closure.completed(x, self.started(q)[..., self.size :], *own)
             for k, joint in enumerate(self.dependent):
                 leaders[joint] = tuple(x[..., k : k + 1] for x in states)
             dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
@@ -360,20 +362,18 @@ class Tree:
         """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
         if not self.closure:
             return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
-        G = self.closure.slopes(self._coordinates_of_part(q), self.started(q)[..., self.size :])
-        names = [name for name in self.closure.part.freedoms if name not in self.dependent]
-        own = {name: G[..., k : k + 1] for k, name in enumerate(names)}
-        return np.concatenate([own.get(name, np.zeros((*G.shape[:-1], 1))) for name in self.freedoms], axis=-1)
+        G = self.closure.slopes(np.asarray(q)[..., self._of_loops[0]], self.started(q)[..., self.size :])
+        out = np.zeros((*G.shape[:-1], len(self.freedoms)), G.dtype)
+        out[..., self._of_loops[1]] = G
+        return out
 
     @cached_property
     def slopes_in_posture(self) -> np.ndarray:
         """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
-        q = [np.zeros(0)]
         at = self.closure.posture if self.closure else {}
-        for i in self.moving:
-            body = self.bodies[i]
-            q.append(at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)))
-        return self.slopes(np.concatenate(q))
+        moving = (self.bodies[i] for i in self.moving)
+        q = (at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)) for body in moving)
+        return self.slopes(np.concatenate([np.zeros(0), *q]))
 
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""

@@ -1,7 +1,7 @@
 """Base parameters, the identifiable combinations of φ: rank, selection of independent columns, regrouping (Eq. 4)."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.parameters.aligned_loops import alignments
 from ident.parameters.independent_columns import (
     DEPENDENT,
     NEGLIGIBLE,
@@ -27,7 +28,7 @@ from ident.parameters.independent_columns import (
     reduced_rows,
     unit_columns,
 )
-from ident.parameters.structure import Sensors, sampled_structure, scaled_structure, with_parallel_axes
+from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
 
 if TYPE_CHECKING:
     from ident.parameters.tree_elimination import Elimination
@@ -53,7 +54,10 @@ class BaseParameters(Brief):
         passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
             errors would be large; columns further right are kept instead. If this is empty and no names are pinned, the
             kept columns are the first independent ones, left to right.
-        by_digits: Names of further columns that only the digits of a model's axes make independent.
+        angles: Angles between axes in loops that are nearly parallel, rad, by the names of their joints.
+        by_digits: Names of further columns that only those of these angles make independent that are a model's digits,
+            or without which its loops do not move.
+        by_angles: Names of base parameters that only the others of them make independent.
     """
 
     parameters: tuple[str, ...]
@@ -62,7 +66,9 @@ class BaseParameters(Brief):
     beta: np.ndarray
     gap: tuple[float, float]
     passed_over: tuple[str, ...] = ()
+    angles: Mapping[str, float] = field(default_factory=dict)
     by_digits: tuple[str, ...] = ()
+    by_angles: tuple[str, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -83,13 +89,17 @@ class BaseParameters(Brief):
 
     @property
     def remark(self) -> str:
-        """Sentences on the columns passed over and on those by digits, empty if there are none."""
+        """Sentences on the columns passed over and on those by angles between axes, empty if there are none."""
         later = "Later parameters are base parameters instead of these, which nearly depend on earlier ones"
-        digits = (
-            "Axes in loops that are parallel but for the model's digits are taken for parallel; only by these digits "
-            "the following would be base parameters too"
+        off = ", ".join(f"{joint} {angle:.2g} rad" for joint, angle in self.angles.items())
+        near = f"Axes in loops are nearly parallel ({off} off)"
+        more = f"and count as parallel; only these angles would add {len(self.by_digits)} to the"
+        counted = f"; only these angles add {len(self.by_angles)} of the {self.rank} base parameters"
+        sentences = (
+            (later, self.passed_over),
+            (f"{near} {more} {self.rank} base parameters", self.by_digits),
+            (f"{near}{counted}, so align the axes if they are meant to be parallel", self.by_angles),
         )
-        sentences = (later, self.passed_over), (digits, self.by_digits)
         return " ".join(f"{text}: {', '.join(names)}." for text, names in sentences if names)
 
     @property
@@ -180,10 +190,7 @@ def _of_structure(
 ) -> BaseParameters:
     """Regrouping of a mechanism, exact if its numbers are."""
     if mechanism.tree.followers or mechanism.tree.closure:
-        Y, aligned = sampled_structure(mechanism, sensors), with_parallel_axes(mechanism.tree)
-        if aligned is mechanism.tree:
-            return _of_regressor(Y, 1.0, names, kept)
-        return _but_for_digits(Y, sampled_structure(replace(mechanism, tree=aligned), sensors), names, kept)
+        return _of_samples(mechanism, sensors, names, kept)
     structure, units = scaled_structure(mechanism, sensors)
     if structure.is_exact:
         if kept is not None:
@@ -243,17 +250,35 @@ def _of_regressor(
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
 
 
-def _but_for_digits(
-    Y: np.ndarray, aligned: np.ndarray, names: tuple[str, ...], kept: Sequence[str] | None
+def _of_samples(
+    mechanism: Mechanism, sensors: Sensors | None, names: tuple[str, ...], kept: Sequence[str] | None
 ) -> BaseParameters:
-    """Regrouping of a regressor (…, P), or of that with aligned axes if these have fewer base parameters (…, P)."""
-    base, unit = _of_regressor(aligned, 1.0, names, kept), unit_columns(Y.reshape(-1, Y.shape[-1]))[0]
-    more = numerical_rank(np.linalg.svd(unit, compute_uv=False), NEGLIGIBLE) - base.rank
-    if more <= 0:
-        return _of_regressor(Y, 1.0, names, kept)
+    """Regrouping of a mechanism with followers or loops, in which axes are parallel that have to be."""
+    needed, every = alignments(mechanism.tree)
+    Y, base = sampled_structure(mechanism, sensors), None
+    if needed.angles:
+        aligned = sampled_structure(replace(mechanism, tree=needed.tree), sensors)
+        parallel, rank = _of_regressor(aligned, 1.0, names, kept), numerical_rank(_singular_values(Y), NEGLIGIBLE)
+        if more := _independent_beyond(parallel, Y, rank):
+            Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
+    base = base or _of_regressor(Y, 1.0, names, kept)
+    if every.angles != needed.angles:
+        parallel = _of_regressor(sampled_structure(replace(mechanism, tree=every.tree), sensors), 1.0, names, None)
+        if more := _independent_beyond(parallel, Y, base.rank):
+            base = replace(base, angles=every.angles, by_angles=more)
+    return base
+
+
+def _independent_beyond(base: BaseParameters, Y: np.ndarray, rank: int) -> tuple[str, ...]:
+    """Names of columns that make up a regressor's (…, P) rank beyond that of base parameters."""
     left = Y[..., list(base.dependent)] - base.reduce(Y) @ base.beta
     order = linalg.qr(left.reshape(-1, left.shape[-1]), mode="r", pivoting=True)[1]
-    return replace(base, by_digits=tuple(names[base.dependent[k]] for k in sorted(order[:more])))
+    return tuple(base.parameters[base.dependent[k]] for k in sorted(order[: max(rank - base.rank, 0)]))
+
+
+def _singular_values(Y: np.ndarray) -> np.ndarray:
+    """Singular values of the unit columns of a regressor (…, P)."""
+    return np.linalg.svd(unit_columns(Y.reshape(-1, Y.shape[-1]))[0], compute_uv=False)
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:

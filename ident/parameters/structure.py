@@ -15,7 +15,6 @@ states: a dependency between its columns holds at all states, or with probabilit
 are columns.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,10 +38,6 @@ TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
 
 MORE = 20
 """Number of samples in addition to the number of columns."""
-
-NEARLY, ROUNDING = 1e-4, 1e-12
-"""Angles between axes in loops below which they are meant to be parallel, rad, as of two angles with four decimals, and
-below which they are parallel in computed numbers."""
 
 
 @typed()
@@ -326,37 +321,6 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
     if sensors.joint_torques:
         rows.append(joint_torque_regressor(tree, *motion.states, gravity=g, base=motion.base))
     return np.concatenate([Y.reshape(-1, Y.shape[-1]) for Y in rows])
-
-
-def with_parallel_axes(tree: Tree) -> Tree:
-    """The tree with axes in its loops parallel that only its model's digits keep from it; itself without such axes.
-
-    Bodies whose axes are parallel move in a plane: their axes are parallel at joint coordinates of zero too.
-    """
-    if (closure := tree.closure) is None:
-        return tree
-    turns, axes, twists = list[np.ndarray](), list[np.ndarray](), dict[str, np.ndarray]()
-    for body in closure.part.bodies:
-        turns.append((np.eye(3) if body.parent == BASE else turns[body.parent]) @ body.home[:3, :3])
-        if not body.turns:
-            continue
-        v, w = np.split(body.twist, 2)
-        own = turns[-1] @ w
-        others = (axis * np.sign(axis @ own) for axis in axes)
-        axis = next((other for other in others if np.linalg.norm(other - own) < NEARLY), own)
-        axes.append(axis)
-        if np.linalg.norm(axis - own) > ROUNDING:
-            # Through the same point, and with the same pitch.
-            w_new = turns[-1].T @ axis
-            twists[body.name] = np.concatenate([np.cross(np.cross(w, v), w_new) + w @ v * w_new, w_new])
-    if not twists:
-        return tree
-
-    def aligned(bodies: Iterable[Body]) -> tuple[Body, ...]:
-        return tuple(replace(body, twist=twists.get(body.name, body.twist)) for body in bodies)
-
-    part = Tree(aligned(closure.part.bodies))
-    return replace(tree, bodies=aligned(tree.bodies), closure=replace(closure, part=part).in_posture())
 
 
 def _motion(rng: np.random.Generator, tree: Tree, samples: int, sensors: Sensors) -> Motion:

@@ -284,7 +284,7 @@ def pose_of_body(robot: Mechanism, body: str, other: str, what: str) -> np.ndarr
     for name in (body, other):
         if name not in tree.names:
             raise InputError(f"There is no body '{name}' for {what}; the bodies are {', '.join(tree.names)}.")
-    poses = tree.poses(np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies))))
+    poses = tree.poses(np.random.default_rng(0).uniform(-1, 1, (2, tree.size)))
     T = inverse(poses[:, tree.names.index(body)]) @ poses[:, tree.names.index(other)]
     if not np.allclose(T[0], T[1], atol=1e-9):
         raise InputError(f"{what[0].upper()}{what[1:]} is on '{other}', which does not move with '{body}'.")

@@ -78,16 +78,36 @@ def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(arm.known), Y @ arm.known, atol=1e-8 * abs(Y).max())
 
 
-def test_axes_that_are_parallel_but_for_digits_have_the_base_parameters_of_parallel_ones():
-    tilted = FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="2e-5 1 0"')
+@pytest.mark.parametrize("angle", [1e-6, 1e-4, 1e-3, 3e-3])
+def test_axes_count_as_parallel_where_loops_move_only_then(angle):
+    tilted = FOUR_BAR.replace('name="rocker" axis="0 1 0"', f'name="rocker" axis="{angle} 1 0"')
     exact, base = (
         ident.find_base_parameters(read(text).closed(("rod", "rocker"), ("crank",))) for text in (FOUR_BAR, tilted)
     )
     assert tilted != FOUR_BAR and (base.rank, base.names) == (exact.rank, exact.names)
-    np.testing.assert_allclose(base.beta, exact.beta, atol=1e-4)
-    assert exact.remark == "" and base.by_digits
-    assert base.remark.endswith(f"only by these digits the following would be base parameters too: "
-                                f"{', '.join(base.by_digits)}.")  # fmt: skip
+    np.testing.assert_allclose(base.beta, exact.beta, atol=1e-9)
+    assert exact.remark == "" and len(base.by_digits) == 3 and base.angles == {"rocker": pytest.approx(angle, rel=1e-4)}
+    assert base.remark == (
+        f"Axes in loops are nearly parallel (rocker {angle:.2g} rad off) and count as parallel; only these angles "
+        f"would add 3 to the 15 base parameters: {', '.join(base.by_digits)}."
+    )
+
+
+def test_slides_count_as_across_axes_where_loops_move_only_then():
+    tilted = MODELS["slider"][0].replace('axis="1 0 0"', 'axis="1 1e-3 0"')
+    exact, base = closed("slider"), read(tilted).closed(("rod", "piston"), ("crank",))
+    exact, base = ident.find_base_parameters(exact), ident.find_base_parameters(base)
+    assert (base.names, base.by_digits) == (exact.names, ("m4rx4", "m4rz4")) and list(base.angles) == ["piston"]
+
+
+def test_axes_of_a_coupling_may_be_meant_as_they_are():
+    """Two links that a gear couples move with any axes."""
+    geared = text(CRANK + ROCKER.replace('axis="0 1 0"', 'axis="2e-3 1 0"'), '<joint joint1="rocker" joint2="crank"/>')
+    base = ident.find_base_parameters(read(geared).closed(("rocker",), ("crank", "rod")))
+    assert base.rank == 18 and base.by_digits == () and set(base.by_angles) & set(base.names)
+    assert base.remark.startswith(
+        "Axes in loops are nearly parallel (rocker 0.002 rad off); only these angles add 3 of the 18 base parameters, "
+    )
 
 
 def test_base_parameters_need_loops_that_close_elsewhere_as_in_the_model():
@@ -231,12 +251,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
-            "Loops leave crank, rod, rocker no motion. Align their axes, or leave a wrong constraint out",
+            r"Loops leave crank, rod, rocker no motion\. Align their axes \(off parallel: rocker 0\.02 rad\), or",
+        ),
+        (
+            FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.003 1 0"'),
+            log_of([2 * SWING]),
+            r"cannot be closed at 1\.\d+ s: .* m remain\. Check .* its axes \(off parallel: rocker 0\.003 rad\), and",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
     ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
-         "infinite", "skew", "undetermined"],
+         "infinite", "skew", "nearly skew", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
