@@ -70,10 +70,7 @@ OPTIONS: options.Options = {
     **options.logs("all of the same columns"),
     "--out": ("file to write, by default beside the first log, with its name and .toml", options.FILE),
     "--force": ("replace the file if there is one", options.FLAG),
-    "--rate": (
-        "samples per second, if the logs have no column of times",
-        {"type": RATE, "metavar": "HZ"},
-    ),
+    "--rate": ("samples per second, if the logs have no column of times", {"type": RATE, "metavar": "HZ"}),
     **options.MECHANISM,
     **options.SIZE,
 }

@@ -142,10 +142,7 @@ def problem_of(
     """
     check_different(logs, judges)
     first = logs[0].equations
-    for other, role in [
-        *((log, FITTED) for log in logs[1:]),
-        *((j, "A log to judge by") for j in judges),
-    ]:
+    for other, role in [*((log, FITTED) for log in logs[1:]), *((j, "A log to judge by") for j in judges)]:
         if other.equations.channels != first.channels:
             raise InputError(
                 f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."

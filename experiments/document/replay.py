@@ -291,9 +291,7 @@ def _layout(replay: Replay) -> Any:
 
     charts = [
         blueprint.TimeSeriesView(
-            origin=_path("channels", name),
-            name=f"{name}, {unit}",
-            plot_legend=blueprint.PlotLegend(visible=k == 0),
+            origin=_path("channels", name), name=f"{name}, {unit}", plot_legend=blueprint.PlotLegend(visible=k == 0)
         )
         for k, (name, unit) in enumerate(_channels(replay))
     ]

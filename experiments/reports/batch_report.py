@@ -156,11 +156,7 @@ def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[
 
 
 def document(
-    model: Path,
-    outcomes: Sequence[LogOutcome],
-    agreed: LogAgreement | None,
-    arm: Mechanism,
-    provenance: dict[str, Any],
+    model: Path, outcomes: Sequence[LogOutcome], agreed: LogAgreement | None, arm: Mechanism, provenance: dict[str, Any]
 ) -> Document:
     """Tables of all logs and of the parameters over them.
 

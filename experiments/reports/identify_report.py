@@ -126,10 +126,7 @@ def quality_table(result: Estimate) -> tabular.Table:
         if np.isfinite(own[k]):
             rows.append((f"{channel}, at rest", *resting, "not judged: friction is anything up to breakaway"))
         units += [channel_unit(channel, tree)] * (len(rows) - len(units))
-    heads = {
-        "ratio_model_as_it_came": "ratio, model as it came",
-        "ratio_least_squares": "ratio, least squares",
-    }
+    heads = {"ratio_model_as_it_came": "ratio, model as it came", "ratio_least_squares": "ratio, least squares"}
     title, names = f"Prediction of the {held.part} part", ("channel", *columns, "note")
     return tabular.Table(title, names, rows, units=tuple(units), heads=heads)
 

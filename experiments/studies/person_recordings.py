@@ -290,11 +290,7 @@ def moved(activity: str, time: np.ndarray, seed: int, *, rail: bool = True, who:
 
 
 def recorded(
-    activity: str,
-    seconds: float,
-    seed: int,
-    laboratory: Laboratory = Laboratory(),
-    faults: Faults = Faults(),
+    activity: str, seconds: float, seed: int, laboratory: Laboratory = Laboratory(), faults: Faults = Faults()
 ) -> Recording:
     """Recording of an activity by noisy sensors.
 

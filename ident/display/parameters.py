@@ -98,12 +98,7 @@ def body_of(name: str, bodies: Sequence[str]) -> str:
 
 
 def parameters_of(
-    fit: Fit,
-    arm: Mechanism,
-    wider: np.ndarray,
-    *,
-    bounded: Collection[str],
-    scales: Mapping[str, tuple[float, float]],
+    fit: Fit, arm: Mechanism, wider: np.ndarray, *, bounded: Collection[str], scales: Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
     """All coefficients: base parameters, drives, offsets (m,), and scales of joint torques.
 

@@ -160,11 +160,7 @@ def _regressed(
 
 
 def reweighted(
-    residual: np.ndarray,
-    columns: np.ndarray,
-    std: np.ndarray,
-    floor: np.ndarray,
-    precision: np.ndarray | float = 0.0,
+    residual: np.ndarray, columns: np.ndarray, std: np.ndarray, floor: np.ndarray, precision: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of least squares reweighted by channel (k,), and the channels' standard deviations (C,).
 
