@@ -39,25 +39,19 @@ def nearly_parallel(bodies: Sequence[Body]) -> dict[int, Turn]:
         R.append((np.eye(3) if body.parent == BASE else R[body.parent]) @ body.home[:3, :3])
         if body.turns and not body.depends.endswith((".x", ".y", ".z")):
             axes[i] = R[i] @ body.twist[3:]
+    names = [body.joint or body.name for body in bodies]
     for i, own in axes.items():
-        body = bodies[i]
         signed = [axis * np.sign(axis @ own) for axis in axes.values()]
         alike = [axis for axis in signed if np.linalg.norm(axis - own) < LIKELY]
         meant = max(alike, key=lambda axis: sum(np.linalg.norm(axis - other) < EXACT for other in alike))
-        v, w = np.split(body.twist, 2)
-        turned = R[i].T @ meant
+        (v, w), turned = np.split(bodies[i].twist, 2), R[i].T @ meant
         if (angle := float(np.linalg.norm(turned - w))) > EXACT:
-            out[i] = Turn(
-                body.joint or body.name, angle, np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
-            )
+            out[i] = Turn(names[i], angle, np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned])
     normals = [R[i] @ out[i].twist[3:] if i in out else axis for i, axis in axes.items()]
-    for i, body in enumerate(bodies):
-        if body.moves and not (body.is_ball or body.turns):
-            own = R[i] @ body.twist[:3]
-            off = next((own @ normal * normal for normal in normals if EXACT < abs(own @ normal) < LIKELY), None)
-            if off is not None:
-                angle = float(np.linalg.norm(off))
-                out[i] = Turn(
-                    body.joint or body.name, angle, np.r_[R[i].T @ (own - off) / np.sqrt(1 - angle**2), np.zeros(3)]
-                )
+    for i in (i for i, body in enumerate(bodies) if body.moves and not (body.is_ball or body.turns)):
+        own = R[i] @ bodies[i].twist[:3]
+        off = next((own @ normal * normal for normal in normals if EXACT < abs(own @ normal) < LIKELY), None)
+        if off is not None:
+            angle = float(np.linalg.norm(off))
+            out[i] = Turn(names[i], angle, np.r_[R[i].T @ (own - off) / np.sqrt(1 - angle**2), np.zeros(3)])
     return out

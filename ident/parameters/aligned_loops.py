@@ -1,11 +1,10 @@
 """Mechanisms whose loops have parallel axes, where only small angles keep them from it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from ident.errors import ModelError
-from ident.mechanism.body import Body
 from ident.mechanism.constraint import members_of
 from ident.mechanism.parallel_axes import Turn, nearly_parallel
 from ident.mechanism.tree import Tree
@@ -42,18 +41,16 @@ def alignments(tree: Tree) -> tuple[Alignment, Alignment]:
 
 
 def _aligned(tree: Tree, turns: Mapping[int, Turn]) -> Alignment:
-    """A tree with some axes of its loops turned, by indices of the loops' bodies."""
+    """A tree with some axes of its loops turned, by indices of the loops' bodies; as it is if they then stay open."""
     if (closure := tree.closure) is None or not turns:
         return Alignment(tree, {})
-    own = {closure.part.bodies[i].name: turn for i, turn in turns.items()}
-
-    def turned(bodies: Iterable[Body]) -> tuple[Body, ...]:
-        return tuple(replace(body, twist=own[body.name].twist) if body.name in own else body for body in bodies)
-
-    part = replace(closure.part, bodies=turned(closure.part.bodies))
+    twists = {closure.part.bodies[i].name: turn.twist for i, turn in turns.items()}
+    part, whole = (
+        tuple(replace(body, twist=twists.get(body.name, body.twist)) for body in each.bodies)
+        for each in (closure.part, tree)
+    )
     try:
-        closed = replace(closure, part=part).in_posture()
+        closed = replace(closure, part=replace(closure.part, bodies=part)).in_posture()
     except ModelError:
         return Alignment(tree, {})
-    angles = {turn.joint: turn.angle for turn in turns.values()}
-    return Alignment(replace(tree, bodies=turned(tree.bodies), closure=closed), angles)
+    return Alignment(replace(tree, bodies=whole, closure=closed), {turn.joint: turn.angle for turn in turns.values()})
