@@ -65,38 +65,11 @@ if TYPE_CHECKING:
 
 __version__: str
 
-__all__ = [
-    "BaseMotion",
-    "BaseParameters",
-    "Body",
-    "Equations",
-    "Estimate",
-    "ExcitationError",
-    "Frame",
-    "InputError",
-    "LogError",
-    "Mechanism",
-    "ModelError",
-    "Motion",
-    "Recording",
-    "Samples",
-    "Sensor",
-    "Sensors",
-    "Tree",
-    "Wrench",
-    "base_wrench_regressor",
-    "consistent_parameters",
-    "find_base_parameters",
-    "identify",
-    "identify_load",
-    "identify_payload",
-    "joint_torque_regressor",
-    "least_squares",
-    "read_log",
-    "recover_axes",
-    "total_wrench",
-    "tree_from_mdh",
-]
+__all__ = ["BaseMotion", "BaseParameters", "Body", "Equations", "Estimate", "ExcitationError", "Frame", "InputError"]
+__all__ += ["LogError", "Mechanism", "ModelError", "Motion", "Recording", "Samples", "Sensor", "Sensors", "Tree"]
+__all__ += ["Wrench", "base_wrench_regressor", "consistent_parameters", "find_base_parameters", "identify"]
+__all__ += ["identify_load", "identify_payload", "joint_torque_regressor", "least_squares", "read_log", "recover_axes"]
+__all__ += ["total_wrench", "tree_from_mdh"]
 
 _NAMES = {
     "ident.errors": ("ExcitationError", "InputError", "LogError", "ModelError"),

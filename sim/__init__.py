@@ -25,30 +25,16 @@ if TYPE_CHECKING:
     from sim.simulation.contacts import fall
     from sim.simulation.simulate import simulate, simulate_many
 
-__all__ = [
-    "Excitation",
-    "base_motion",
-    "fall",
-    "mechanism",
-    "simulate",
-    "simulate_many",
-    "state_columns",
-    "tree_from_model",
-    "updated_spec",
-    "write_model",
-]
+__all__ = ["Excitation", "base_motion", "fall", "mechanism", "simulate", "simulate_many", "state_columns"]
+__all__ += ["tree_from_model", "updated_spec", "write_model"]
 
 _MODULES = {
+    **dict.fromkeys(("base_motion", "state_columns", "tree_from_model"), "sim.models.mujoco_model"),
+    **dict.fromkeys(("simulate", "simulate_many"), "sim.simulation.simulate"),
+    **dict.fromkeys(("updated_spec", "write_model"), "sim.models.model_update"),
     "Excitation": "sim.motion.excitation",
-    "base_motion": "sim.models.mujoco_model",
     "fall": "sim.simulation.contacts",
     "mechanism": "sim.models.model_mechanism",
-    "simulate": "sim.simulation.simulate",
-    "simulate_many": "sim.simulation.simulate",
-    "state_columns": "sim.models.mujoco_model",
-    "tree_from_model": "sim.models.mujoco_model",
-    "updated_spec": "sim.models.model_update",
-    "write_model": "sim.models.model_update",
 }
 """Module of each name."""
 
