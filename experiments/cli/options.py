@@ -3,8 +3,9 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import scenes
 from experiments.data.paper import FORMATS, REDRAWN, TRAJECTORY_TRIALS
@@ -14,6 +15,8 @@ from ident.tolerances import DRIVE, HOLDOUT, HUGE
 if TYPE_CHECKING:
     from experiments.document.writer import Output
     from experiments.runs.workers import Workers
+
+N = TypeVar("N", int, float)
 
 LOGS = (
     "CSV (also .gz), npz, mat, jsonl, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, "
@@ -28,16 +31,21 @@ PRINTED = "pdf", "png"
 """Formats of the figures of studies: for print, and for the page."""
 
 
-def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
-    """Type of an option: a number for which a condition holds; `needed` says which, for messages."""
+def _number(kind: Callable[[str], N], needed: str, holds: Callable[[N], bool]) -> Callable[[str], N]:
+    """Type of an option: a number of a kind for which a condition holds; `needed` says which, for messages."""
 
-    def number(text: str) -> float:
+    def number(text: str) -> N:
         with suppress(ValueError):
-            if holds(value := float(text)):
+            if holds(value := kind(text)):
                 return value
         raise argparse.ArgumentTypeError(f"needs {needed}, got '{text}'")
 
     return number
+
+
+def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
+    """Type of an option: a number for which a condition holds; `needed` says which, for messages."""
+    return _number(float, needed, holds)
 
 
 NUMBER = decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
@@ -55,16 +63,8 @@ FRACTION = decimal("a number from 0.05 to 0.9, or 0", lambda x: x == 0 or 0.05 <
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:
     """Type of an option: a whole number in a range, or one value outside it."""
     needed = f"at least {minimum}" if maximum is None else f"{minimum} to {maximum}"
-    needed = needed if also is None else f"{needed}, or {also}"
-
-    def number(text: str) -> int:
-        with suppress(ValueError):
-            value = int(text)
-            if value == also or minimum <= value <= (value if maximum is None else maximum):
-                return value
-        raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'")
-
-    return number
+    needed, most = needed if also is None else f"{needed}, or {also}", inf if maximum is None else maximum
+    return _number(int, f"a whole number of {needed}", lambda x: x == also or minimum <= x <= most)
 
 
 def as_text(value: Any) -> Any:
