@@ -8,17 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import DOUBTFUL, Belief, ColumnGroup, TableEntry, named
 from experiments.guesses.model import AGREES, ComparedModel, explained
-from experiments.guesses.words import (
-    LIKE,
-    NEAR,
-    Words,
-    families,
-    likeness,
-    shares_numbers_alone,
-    unit_of,
-    without_prefix,
-    words,
-)
+from experiments.guesses.words import LIKE, NEAR, Words, families, likeness, unit_of, without_prefix, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import COMMAND, KINDS
 from ident.recordings.wrench import GROUND
@@ -108,7 +98,7 @@ def by_name(belief: Belief, kind: str) -> Scores:
     for name, about, joint, own in _open(belief, kind, shifted):
         if exact.get(name) == joint:
             scores[name, joint] = EXACT
-        elif not shares_numbers_alone(about, own):
+        elif not about.shares_numbers_alone(own):
             like = likeness(about, own) * _fits(about, kind)
             if name in belief.log.columns or like >= 0.99:
                 scores[name, joint] = like
@@ -129,7 +119,7 @@ def by_number(belief: Belief, kind: str) -> Scores:
         same = joint not in positions or positions[joint].about.numbers == about.numbers
         if bare == {name} and len(belief.kinds) == 1:
             scores[name, joint] = max(like, ALONE)
-        elif shares_numbers_alone(about, own) and same and about.measured and set(own.core) <= set(about.core):
+        elif about.shares_numbers_alone(own) and same and about.measured and set(own.core) <= set(about.core):
             scores[name, joint] = like
     return scores
 
@@ -144,7 +134,7 @@ def _by_following(belief: Belief, _: str) -> Scores:
         q, numbers = log.columns[position.column], position.about.numbers
         for name, about in free.items():
             u = log.columns[name]
-            like = likeness(about, own[joint]) * (not shares_numbers_alone(about, own[joint]))
+            like = likeness(about, own[joint]) * (not about.shares_numbers_alone(own[joint]))
             like = max(like, 0.0, ALONE * (about.numbers == numbers and bool(numbers)))
             score = EXACT if name == COMMAND.format(joint) else min(1.0, like + 0.2)
             # Controllers call torques u as well.

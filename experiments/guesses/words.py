@@ -121,6 +121,11 @@ class Words:
         """The sides among the words, left or right."""
         return {word for word in self.core if word in SIDES.values()}
 
+    def shares_numbers_alone(self, other: "Words") -> bool:
+        """True where two names share numbers only, which may start at zero in one and at one in the other."""
+        common = set(self.core) & set(other.core)
+        return bool(common) and all(word.isdigit() for word in common)
+
 
 @lru_cache(maxsize=4096)
 def words(name: str) -> Words:
@@ -181,12 +186,6 @@ def most_alike(name: str, others: Iterable[str], least: float = LIKE) -> dict[st
     likes = {other: likeness(words(name), words(other)) for other in others}
     best = max(likes.values(), default=0.0)
     return {other: like for other, like in likes.items() if like >= least and like > best - NEAR}
-
-
-def shares_numbers_alone(column: Words, joint: Words) -> bool:
-    """True where two names share numbers only, which may start at zero in one and at one in the other."""
-    common = set(column.core) & set(joint.core)
-    return bool(common) and all(word.isdigit() for word in common)
 
 
 def without_prefix(about: Mapping[str, Words]) -> dict[str, Words]:
