@@ -289,26 +289,24 @@ class Clock:
 
     def _check_gaps(self, table: Table, time: np.ndarray, kept: np.ndarray, notes: list[str]) -> None:
         """Refuses gaps, or notes them if samples may be missing."""
-        (name,) = self.column.names
-        steps = np.diff(time)
-        gaps = self._are_gaps(steps)
-        number = int(gaps.sum())
-        if number and self.gaps:
-            i = int(steps.argmax())
+        (name,), steps = self.column.names, np.diff(time)
+        if not (number := int(self._are_gaps(steps).sum())):
+            return
+        longest, i = f"{steps.max():g} s", int(steps.argmax())
+        after = table.row(kept[i + 1])
+        if self.gaps:
             notes.append(
-                f"Times in column '{name}' have gaps: {number}, the longest of {steps[i]:g} s before "
-                f"{table.row(kept[i + 1])}. {AS_MEASURED}"
+                f"Times in column '{name}' have gaps: {number}, the longest of {longest} before {after}. {AS_MEASURED}"
             )
-        elif number:
-            i = int(steps.argmax())
-            others = f"; it is the longest of {number} gaps" if number > 1 else ""
-            start, end = self.start + time[i : i + 2]
-            raise LogError(
-                f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from {start:g} s "
-                f"to {end:g} s, where steps are {self.step:g} s{others}. A filter would "
-                "invent what is missing: cut the log there, or say that samples may be missing (--gaps, gaps=True in "
-                f"Python), for the trajectory estimate.{POSES if self.step >= SLOW else ''}"
-            )
+            return
+        others = f"; it is the longest of {number} gaps" if number > 1 else ""
+        start, end = self.start + time[i : i + 2]
+        raise LogError(
+            f"{after}, column '{name}' has a gap of {longest}, from {start:g} s to {end:g} s, where steps are "
+            f"{self.step:g} s{others}. A filter would invent what is missing: cut the log there, or say that samples "
+            "may be missing (--gaps, gaps=True in Python), for the trajectory estimate."
+            f"{POSES if self.step >= SLOW else ''}"
+        )
 
     def _are_gaps(self, steps: np.ndarray) -> np.ndarray:
         return steps > GAP * self.step * (1 + 1e-6)
