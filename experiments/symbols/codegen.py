@@ -18,7 +18,6 @@ from experiments.symbols import symbolic
 from experiments.symbols.symbolic import SymbolicModel, decimals
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
 from sim.models.model_mechanism import mechanism
 
@@ -247,21 +246,16 @@ def derivation(given: str, base: str | None, ignore: Sequence[str]) -> Derivatio
     """
     name = plain(Path(given).stem)
     if given not in TABLES:
-        tree, lengths = symbolic.exact_tree(_tree(given, base, ignore))
+        arm = mechanism(given, base, ignore=ignore)
+        if arm.prior is None:
+            raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
+        tree, lengths = symbolic.exact_tree(arm.tree)
     elif base is None and not ignore:
         tree, lengths = getattr(symbolic, given)()
     else:
         raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{given}'.")
     gained = separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY))
     return Derivation(name if name.strip(". ") else "model", symbolic.derive(tree, lengths), gained)
-
-
-def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
-    """The mechanism of a model file, which must have mass."""
-    arm = mechanism(path, base, ignore=ignore)
-    if arm.prior is None:
-        raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
-    return arm.tree
 
 
 def table(derived: Derivation) -> tabular.Table:

@@ -94,14 +94,14 @@ def derive(tree: Tree, lengths: dict[Symbol, float]) -> SymbolicModel:
     bodies = [replace(body, home=short(body.home), twist=short(body.twist)) for body in tree.bodies]
     mechanism, Y = Mechanism(tree, gravity), dim.base_wrench_regressor(Mechanism(Tree(tuple(bodies)), gravity), motion)
     rounded = find_base_parameters(with_values(tree, lengths))
+    base, reason = rounded, ""
     if len(lengths) > FEW and not _is_aligned(tree):
         reason = f"there are {len(lengths)} lengths and directions that are not along frame axes"
-        return SymbolicModel(mechanism, lengths, motion, Y, rounded, reason)
-    base = exact_base_parameters(tree, list(lengths))
-    if base.rank != rounded.rank:
+    elif (exact := exact_base_parameters(tree, list(lengths))).rank == rounded.rank:
+        base = exact
+    else:
         reason = "directions of this model coincide only to rounding"
-        return SymbolicModel(mechanism, lengths, motion, Y, rounded, reason)
-    return SymbolicModel(mechanism, lengths, motion, Y, base)
+    return SymbolicModel(mechanism, lengths, motion, Y, base, reason)
 
 
 def decimals(x: sympy.Expr, digits: int) -> sympy.Expr:
