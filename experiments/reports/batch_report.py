@@ -68,14 +68,8 @@ def parameters_table(outcomes: Sequence[LogOutcome], arm: Mechanism) -> tabular.
     rows = spreads(outcomes)
     return tabular.Table(
         "Parameters over the logs, SI units",
-        *tabular.columns(
-            parameter=[each.name for each in rows],
-            logs=[each.logs for each in rows],
-            mean=[each.mean for each in rows],
-            std_of_mean=[each.std for each in rows],
-            between_logs=[each.between for each in rows],
-            rms_z=[each.rms_z for each in rows],
-        ),
+        ("parameter", "logs", "mean", "std_of_mean", "between_logs", "rms_z"),
+        [(each.name, each.logs, each.mean, each.std, each.between, each.rms_z) for each in rows],
         decimals=2,
         deviations={"mean": "std_of_mean"},
         digits={"between_logs": of_deviations(each.between for each in rows)},

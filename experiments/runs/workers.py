@@ -191,7 +191,7 @@ class Workers:
         """
         done = [*kept.done()[: len(tasks)]] if self.resume else []
         again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(outcome))]
-        left, together = list(tasks[len(done) :]), partial(_together if batch else _one_by_one, work)
+        left, together = list(tasks[len(done) :]), partial(_done, work, batch > 0)
         size = max(1, min(batch, 1 + len(left) // 16))
         number = max(1, min(self.number, len(left) + len(again)))
         with worker_pool(number) as executor:
@@ -206,12 +206,9 @@ class Workers:
                 return [json.loads(text) for text in kept.collect(batches, len(tasks), done)]
 
 
-def _one_by_one(work: Callable[[Any], Any], tasks: Sequence[Any]) -> list[str]:
-    return [json.dumps(work(task)) for task in tasks]
-
-
-def _together(work: Callable[[Any], Sequence[Any]], tasks: Sequence[Any]) -> list[str]:
-    return list(map(json.dumps, work(tasks)))
+def _done(work: Callable[[Any], Any], together: bool, tasks: Sequence[Any]) -> list[str]:
+    """Outcomes of tasks, together or one by one, as JSON."""
+    return [json.dumps(outcome) for outcome in (work(tasks) if together else map(work, tasks))]
 
 
 class DeadWorkerError(InputError):

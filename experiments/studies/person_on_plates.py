@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -80,6 +80,7 @@ class PersonStudy:
     filtered: np.ndarray
     held_out: np.ndarray
     laboratory: Laboratory
+    _begun: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def psi(self) -> np.ndarray:
@@ -216,11 +217,6 @@ class PersonStudy:
                 equations = normal_equations(joint.measurement, at, np.arange(len(fit.theta)))
                 self._begun[k, seconds] = equations.eliminated.precision
         return self._begun[k, seconds]
-
-    @cached_property
-    def _begun(self) -> dict[tuple[int, float], np.ndarray]:
-        """Cached shares by piece and seconds."""
-        return {}
 
 
 def beginning(piece: Piece, seconds: float) -> Piece:
