@@ -11,18 +11,11 @@ import numpy as np
 
 from ident.annotations import typed
 from ident.arguments import check_type, near
+from ident.display import text
 from ident.display.brief import listed, short
 from ident.display.numbers import estimate_numbers
 from ident.display.parameters import Groups, Parameter, intervals, parameters_frame, parameters_of
-from ident.display.text import (
-    PAGES,
-    decimals_of,
-    estimate_html,
-    first_parameters,
-    headline,
-    summary_text,
-    undetermined_sentence,
-)
+from ident.display.text import first_parameters, headline, undetermined_sentence
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object
@@ -138,7 +131,7 @@ class Estimate(Evidence):
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
         fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
-        digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
+        digits = [text.decimals_of(std) or 0 for std in fit.std.tolist()]
         rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
         rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
         drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
@@ -251,7 +244,7 @@ class Estimate(Evidence):
             *(f"  {note}" for part in self.logs for note in part.log.notes),
             *(finding.line for finding in self.findings),
         ]
-        return summary_text(self._headline, parameters, sentences)
+        return text.summary_text(self._headline, parameters, sentences)
 
     @property
     def undetermined_sentence(self) -> str:
@@ -282,7 +275,9 @@ class Estimate(Evidence):
         parameters, more = first_parameters(self.parameters, self.undetermined)
         sentences = [more, f"Residual over signal: {self._ratios}"]
         findings = ((each.text, each.doubt) for each in self.findings)
-        return estimate_html(self._headline, str(self.verdict()), parameters, sentences, findings, PAGES.get(self))
+        return text.estimate_html(
+            self._headline, str(self.verdict()), parameters, sentences, findings, text.PAGES.get(self)
+        )
 
     def to_frame(self) -> "pd.DataFrame":
         """All coefficients as a pandas data frame, with 95 % intervals that include the set-up.

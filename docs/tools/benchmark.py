@@ -22,18 +22,8 @@ import numpy as np
 from tqdm import tqdm
 
 import scenes
-from docs.tools.mechanisms import (
-    PENDULUM,
-    PINOCCHIO_NAME,
-    Pinocchio,
-    Subject,
-    bare_loop,
-    chain,
-    double_pendulum,
-    linearisations,
-    mechanisms,
-    subject,
-)
+from docs.tools import mechanisms as subjects
+from docs.tools.mechanisms import PENDULUM, PINOCCHIO_NAME, Pinocchio, Subject, double_pendulum, subject
 from experiments.data import paper
 from experiments.data.paper import SCENE
 from experiments.document.result_folder import provenance, write_json
@@ -161,7 +151,7 @@ def on_mechanisms(effort: Effort) -> Iterator[Row]:
     """All tasks on all mechanisms, and on the number of samples of the paper's recording."""
     for mechanism, number in (
         (double_pendulum(), effort.samples),
-        *((m, n) for m in mechanisms() for n in effort.sizes),
+        *((m, n) for m in subjects.mechanisms() for n in effort.sizes),
     ):
         samples, peer = mechanism.samples(number), Pinocchio(mechanism.tree, STANDARD_GRAVITY)
         states, kept = peer.states(samples.motion.states, samples.motion.base), peer.columns(mechanism.parameters.kept)
@@ -193,7 +183,7 @@ def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
 def of_arms(effort: Effort) -> Iterator[Row]:
     """The regressor of arms of increasing length; so few samples do not determine their parameters."""
     for bodies in effort.bodies:
-        arm, number = subject(CHAIN, chain(bodies)), min(effort.sizes[-2], LINKS // bodies)
+        arm, number = subject(CHAIN, subjects.chain(bodies)), min(effort.sizes[-2], LINKS // bodies)
         motion = Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1)))
         samples, peer = Samples(motion, np.zeros((number, 6))), Pinocchio(arm.tree, STANDARD_GRAVITY)
         pair = (
@@ -254,7 +244,7 @@ def of_trials(effort: Effort) -> Iterator[Row]:
 def of_simulations(effort: Effort) -> Iterator[Row]:
     """Recorded simulations beside a bare loop of MuJoCo steps with prepared controls, which reads nothing."""
     spec, together = scenes.load(SCENE), 8
-    loop = bare_loop(spec, effort.samples)
+    loop = subjects.bare_loop(spec, effort.samples)
     one = partial(simulate, spec, DOUBLE_PENDULUM, samples=effort.samples)
     yield compared("simulate", PENDULUM, 3, effort.samples, "a bare loop", (one, loop), effort)
     for threads in (1, 2):
@@ -265,10 +255,10 @@ def of_simulations(effort: Effort) -> Iterator[Row]:
 
 def of_jobs(effort: Effort) -> Iterator[Row]:
     """Base parameters of a long arm, and one linearisation, each beside the same without the structure of the tree."""
-    bodies, arm = effort.bodies[-1], Mechanism(chain(effort.bodies[-1]), STANDARD_GRAVITY)
+    bodies, arm = effort.bodies[-1], Mechanism(subjects.chain(effort.bodies[-1]), STANDARD_GRAVITY)
     pair: tuple[Way, Way] = partial(find_base_parameters, arm), lambda: find_base_parameters(structure_matrix(arm))
     yield compared("base parameters", CHAIN, bodies, 0, "its whole matrix", pair, effort)
-    pair = linearisations(effort.linearised)
+    pair = subjects.linearisations(effort.linearised)
     yield compared("linearisation", "tree of torques", 30, effort.linearised, "dense matrices", pair, effort)
 
 

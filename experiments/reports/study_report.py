@@ -11,16 +11,7 @@ import numpy as np
 
 from experiments.data import simulated_study
 from experiments.data.fitting import ESTIMATORS, Trial
-from experiments.data.simulated_study import (
-    CHANNELS,
-    SimulatedStudy,
-    axes,
-    axis_errors,
-    summary,
-    touches,
-    trajectory_summary,
-    wrench_error,
-)
+from experiments.data.simulated_study import CHANNELS, SimulatedStudy
 from experiments.data.study_file import ESTIMATED, Display, estimator_of
 from experiments.document import figures, tabular
 from experiments.document.figures import INKS
@@ -116,7 +107,7 @@ def error_curves(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     widths = np.linspace(1.6, 0.8, len(curves)).tolist()
     each = zip(curves.items(), other_lines(curves.values()), widths, strict=True)
     for k, ((label, model), line, width) in enumerate(each):
-        error = wrench_error(study, model)
+        error = simulated_study.wrench_error(study, model)
         samples[label] = np.abs(error), replace(line, style="", width=DOTS, first=k)
         means[f"{label}, running RMS"] = running_rms(error), replace(line, width=width)
     return samples | means
@@ -312,7 +303,14 @@ OUTPUTS = (*RESULTS, RECORDING)
 def lines(study: SimulatedStudy) -> list[str]:
     """Sentences with the main numbers."""
     errors = {model.title: [*_errors(study, name)] for name, model in study.file.models.items()}
-    return sentences("study.txt", study=study, errors=errors, axes=axes, axis_errors=axis_errors, touches=touches)
+    return sentences(
+        "study.txt",
+        study=study,
+        errors=errors,
+        axes=simulated_study.axes,
+        axis_errors=simulated_study.axis_errors,
+        touches=simulated_study.touches,
+    )
 
 
 def _errors(study: SimulatedStudy, name: str) -> Iterator[str]:
@@ -359,7 +357,10 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         lines=lines(study),
         tables={name: table(study, name) for name in file.tables},
         figures={name: Plot(partial(figure, study, name), e.caption) for name, e in file.figures.items()},
-        numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}, "provenance": provenance},
+        numbers={
+            "summary": simulated_study.summary(study) | {"trajectory": simulated_study.trajectory_summary(study)},
+            "provenance": provenance,
+        },
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},
     )

@@ -145,18 +145,9 @@ CAPTIONS = {
 
 def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
-    shown = (
-        tables.table_truth,
-        tables.table_peers,
-        tables.table_recordings,
-        tables.table_worse,
-        tables.table_outside,
-        tables.table_missed,
-        tables.table_held_out,
-        tables.table_published,
-        tables.table_agreement,
-        tables.table_was_published,
-    )
+    shown = [tables.table_truth, tables.table_peers, tables.table_recordings, tables.table_worse]
+    shown += [tables.table_outside, tables.table_missed, tables.table_held_out]
+    shown += [tables.table_published, tables.table_agreement, tables.table_was_published]
     made = {each.__name__: each(study) for each in shown}
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])

@@ -4,20 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import (
-    CANDIDATES,
-    ESTIMATE,
-    LEAST_SQUARES,
-    MODEL,
-    OTHERS,
-    WORSE,
-    Study,
-    Validation,
-    Values,
-    inside,
-    rms,
-    typical,
-)
+from experiments.data import validation as data
+from experiments.data.validation import CANDIDATES, ESTIMATE, OTHERS, WORSE, Study, Validation, Values, inside
 from experiments.document.tabular import Cell, Table, of_deviations
 from experiments.reports.validation_figures import agreement
 from ident.judgement.verdict import Outcome
@@ -29,7 +17,7 @@ def table_truth(study: Study) -> Table:
     for each in study.truths.values():
         unknown = np.full(len(each.true), np.nan)
         candidates = (each.values, *(each.rivals.get(name, unknown) for name in OTHERS))
-        errors = (_percent(typical(each.errors(x)), ".1f") for x in candidates)
+        errors = (_percent(data.typical(each.errors(x)), ".1f") for x in candidates)
         counts = (len(each.true), _percent(inside(each.z), ".3g"), int(each.significant.sum()))
         rows.append((each.title, *counts, *errors, round(each.seconds)))
     heads = {"inside": "in our 95 % intervals", "significant": "not zero in them", "estimate": "median error, estimate"}
@@ -90,7 +78,7 @@ def _recording(validation: Validation) -> tuple[Cell, ...]:
     counts = (len(ratio), int((ratio <= 1).sum()), int((ratio > WORSE).sum()))
     shares = (_percent(inside(z[name])) for name in ("halves", "trials", "identical"))
     start = (validation.entry.title, *validation.samples, Outcome(validation.outcome).word)
-    return *start, *counts, rms(validation.halves), *shares, round(validation.seconds)
+    return *start, *counts, data.rms(validation.halves), *shares, round(validation.seconds)
 
 
 def _percent(share: float, form: str = ".0f") -> str | None:
@@ -103,7 +91,7 @@ def table_held_out(study: Study) -> Table:
     for each in study:
         for k, channel in enumerate(each.channels):
             ratios, resting = (
-                [float(of[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE) if name in of]
+                [float(of[name][k]) for name in (data.MODEL, data.LEAST_SQUARES, ESTIMATE) if name in of]
                 for of in (each.ratios, each.at_rest)
             )
             rows.append((each.entry.title, channel, *ratios, each.entry.held_out.get(channel), _judged(each, k)))
@@ -193,7 +181,7 @@ def table_steel(validation: Validation) -> Table:
     for published in validation.entry.published:
         value, _, std = validation.values[published.name]
         k = validation.values.names.index(published.name)
-        errors = [float(validation.rivals[name][k]) - published.value for name in (MODEL, LEAST_SQUARES)]
+        errors = [float(validation.rivals[name][k]) - published.value for name in (data.MODEL, data.LEAST_SQUARES)]
         rows.append((published.name, published.value, *errors, value - published.value, std))
     columns = ("parameter", "published", "error_model", "error_least_squares", "error", "std")
     heads = {

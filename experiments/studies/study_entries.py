@@ -8,21 +8,8 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import scenes
-from experiments.data import paper
-from experiments.data.study_file import (
-    ALL,
-    FIGURES,
-    TABLES,
-    WRENCHES,
-    Scene,
-    StudyFile,
-    StudyModel,
-    Sweep,
-    parameter_tables,
-    several,
-    shown,
-    usual,
-)
+from experiments.data import paper, study_file
+from experiments.data.study_file import Scene, StudyFile, StudyModel, several
 from ident.annotations import NotNegative
 from ident.errors import InputError, about
 from ident.files.limits import check_keys, choice, made, table, toml, value_of
@@ -91,7 +78,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     tried = table("trials.models", trials.get("models", {}))
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
-    stated, (tables, figures) = entries.get("tables", {}), usual(models, main)
+    stated, (tables, figures) = entries.get("tables", {}), study_file.usual(models, main)
     study = StudyFile(
         scene,
         _excitation(entries.get("excitation", "double_pendulum")),
@@ -100,8 +87,15 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         trials=tried,
         trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=shown("tables", parameter_tables(models) if stated == {} else stated, TABLES, models, scene, tables),
-        figures=shown("figures", entries.get("figures", {}), FIGURES, models, scene, figures),
+        tables=study_file.shown(
+            "tables",
+            study_file.parameter_tables(models) if stated == {} else stated,
+            study_file.TABLES,
+            models,
+            scene,
+            tables,
+        ),
+        figures=study_file.shown("figures", entries.get("figures", {}), study_file.FIGURES, models, scene, figures),
         title=value_of("title", entries.get("title", "A study"), str),
         **{key: value_of(f"recording.{key}", x, hints[key]) for key, x in recording.items()},
     )
@@ -110,7 +104,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
 
 def with_sweep(study: StudyFile, entry: Any) -> StudyFile:
     """The study with runs over the values of one of its options, which fit as that does."""
-    sweep = made(Sweep, "sweep", entry)
+    sweep = made(study_file.Sweep, "sweep", entry)
     hints = {"contact": str}
     for kind in (Scene, StudyFile):
         hints |= get_type_hints(kind, include_extras=True)
@@ -157,13 +151,12 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, StudyModel]:
     models: dict[str, StudyModel] = {}
     for name, value in entries.items():
         where = f"models.{name}"
-        if name.casefold() in WRENCHES:
-            raise InputError(
-                f"{where} needs another name: curves of wrenches call {', '.join(WRENCHES)} what is no model."
-            )
+        if name.casefold() in study_file.WRENCHES:
+            taken = ", ".join(study_file.WRENCHES)
+            raise InputError(f"{where} needs another name: curves of wrenches call {taken} what is no model.")
         entry = {"title": f"{name.replace('_', ' ')} model", **table(where, value)}
         whole = entry.get("ignore") == "all"
-        model = made(StudyModel, where, entry | ({"ignore": [*ALL]} if whole else {}))
+        model = made(StudyModel, where, entry | ({"ignore": [*study_file.ALL]} if whole else {}))
         if model.parameters is not None:
             # Only earlier models, so that there are no cycles.
             choice(f"{where}.parameters", model.parameters, models)

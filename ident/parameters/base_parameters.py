@@ -16,18 +16,8 @@ from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.parameters import independent_columns
 from ident.parameters.aligned_loops import alignments
-from ident.parameters.independent_columns import (
-    DEPENDENT,
-    NEGLIGIBLE,
-    WRONG,
-    basis,
-    coefficients,
-    first_independent,
-    numerical_rank,
-    reduced_rows,
-    unit_columns,
-)
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
 
 if TYPE_CHECKING:
@@ -195,7 +185,7 @@ def _of_structure(
     if structure.is_exact:
         if kept is not None:
             raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
-        reduced, chosen = reduced_rows(structure.matrix)
+        reduced, chosen = independent_columns.reduced_rows(structure.matrix)
         others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
         return BaseParameters(names, tuple(chosen), tuple(others), reduced[:, others], (np.inf, 0.0))
     along = None
@@ -228,20 +218,20 @@ def _of_regressor(
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
-    unit, norms = unit_columns(columns)
+    unit, norms = independent_columns.unit_columns(columns)
     if along and along.clear:
         rank, gap = len(along.kept), along.gap
     else:
         s = np.linalg.svd(unit, compute_uv=False)
-        rank = numerical_rank(s)
+        rank = independent_columns.numerical_rank(s)
         gap = float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0
-    chosen, passed = first_independent(unit, rank, gap[1])
+    chosen, passed = independent_columns.first_independent(unit, rank, gap[1])
     if kept is not None:
-        chosen, passed = basis(kept, names, unit, chosen), []
+        chosen, passed = independent_columns.basis(kept, names, unit, chosen), []
     others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
-    made = coefficients(unit[:, chosen], unit[:, others])
+    made = independent_columns.coefficients(unit[:, chosen], unit[:, others])
     missed = (abs(unit[:, others] - unit[:, chosen] @ made) * norms[others]).max(initial=0) / norms.max()
-    if missed > WRONG + 10 * gap[1]:
+    if missed > independent_columns.WRONG + 10 * gap[1]:
         raise InputError(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
@@ -258,8 +248,15 @@ def _of_samples(
     Y, base = sampled_structure(mechanism, sensors), None
     if needed.angles:
         aligned = sampled_structure(replace(mechanism, tree=needed.tree), sensors)
-        parallel, rank = _of_regressor(aligned, 1.0, names, kept), numerical_rank(_singular_values(Y), NEGLIGIBLE)
-        if more := _independent_beyond(parallel, Y, rank):
+        parallel, (unit, _) = (
+            _of_regressor(aligned, 1.0, names, kept),
+            independent_columns.unit_columns(Y.reshape(-1, Y.shape[-1])),
+        )
+        if more := _independent_beyond(
+            parallel,
+            Y,
+            independent_columns.numerical_rank(np.linalg.svd(unit, compute_uv=False), independent_columns.NEGLIGIBLE),
+        ):
             Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
     base = base or _of_regressor(Y, 1.0, names, kept)
     if every.angles != needed.angles:
@@ -274,11 +271,6 @@ def _independent_beyond(base: BaseParameters, Y: np.ndarray, rank: int) -> tuple
     left = Y[..., list(base.dependent)] - base.reduce(Y) @ base.beta
     order = linalg.qr(left.reshape(-1, left.shape[-1]), mode="r", pivoting=True)[1]
     return tuple(base.parameters[base.dependent[k]] for k in sorted(order[: max(rank - base.rank, 0)]))
-
-
-def _singular_values(Y: np.ndarray) -> np.ndarray:
-    """Singular values of the unit columns of a regressor (…, P)."""
-    return np.linalg.svd(unit_columns(Y.reshape(-1, Y.shape[-1]))[0], compute_uv=False)
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:
@@ -343,7 +335,7 @@ def _without_rounding(row: np.ndarray) -> np.ndarray:
     """Coefficients of a base parameter, zero below `DEPENDENT` times the largest (at least 1); exact ones unchanged."""
     if row.dtype == object:
         return row
-    return np.where(abs(row) < DEPENDENT * abs(row).max(initial=1.0), 0, row)
+    return np.where(abs(row) < independent_columns.DEPENDENT * abs(row).max(initial=1.0), 0, row)
 
 
 def _term(coefficient: float, name: str, digits: int) -> str:

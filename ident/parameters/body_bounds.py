@@ -16,12 +16,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from ident.geometry.inertia import (
-    com_from_parameters,
-    parameters_from_com,
-    parameters_from_pseudo_inertia,
-    pseudo_inertia,
-)
+from ident.geometry import inertia
+from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistent_set import UNITS, maxima, traces
@@ -149,9 +145,10 @@ def _linearised(phi: np.ndarray, at: np.ndarray, known: Mapping[str, float]) -> 
         at: φ about which first moments and inertias are linear in them.
         known: Standard deviations, as for `body_covariance`.
     """
-    model, here = ([np.array(x) for x in com_from_parameters(each)] for each in (phi, at))
+    model, here = ([np.array(x) for x in inertia.com_from_parameters(each)] for each in (phi, at))
     ahead, behind = (
-        parameters_from_com(*(x + h * (own - x) for own, x in zip(model, here, strict=True))) for h in (STEP, -STEP)
+        inertia.parameters_from_com(*(x + h * (own - x) for own, x in zip(model, here, strict=True)))
+        for h in (STEP, -STEP)
     )
     exact = {key: max(known[key], LEAST * KNOWN[key]) for key in KNOWN}
     return at + (ahead - behind) / (2 * STEP), body_covariance(at, {**exact, "mass": exact["mass"] * phi[0] / at[0]})

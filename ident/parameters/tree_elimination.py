@@ -22,15 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
 from ident.mechanism.body import BASE
-from ident.parameters.independent_columns import (
-    COEFFICIENTS,
-    DEPENDENT,
-    NEGLIGIBLE,
-    bounded_norms,
-    coefficients,
-    first_independent,
-    numerical_rank,
-)
+from ident.parameters import independent_columns
 from ident.parameters.structure import Structure
 
 CLEAR = 1e-6, 1e-12
@@ -104,19 +96,19 @@ class Elimination:
         kept, others = without_effect[self.kept].toarray(), without_effect[self.others]
         with np.errstate(over="ignore", invalid="ignore"):
             made = -_triangular(others.T).solve(kept.T).T
-        if not abs(made).max(initial=0) <= min(COEFFICIENTS):
+        if not abs(made).max(initial=0) <= min(independent_columns.COEFFICIENTS):
             return None
         return self._without_rounding(made)
 
     def _without_rounding(self, made: np.ndarray) -> np.ndarray:
         """Coefficients (r, P - r), zero where they are rounding errors, as in `independent_columns.coefficients`."""
-        small = (abs(made) < DEPENDENT) & (made != 0)
+        small = (abs(made) < independent_columns.DEPENDENT) & (made != 0)
         some = np.flatnonzero(small.any(axis=0))
         left_out = np.zeros((len(self.norms), len(some)))
         left_out[self.kept] = np.where(small, made, 0)[:, some]
         effect = np.linalg.norm(self.rows @ _triangular(self.steps).solve(left_out), axis=0)
         out = made.copy()
-        out[:, some] = np.where(small[:, some] & (effect < NEGLIGIBLE), 0, made[:, some])
+        out[:, some] = np.where(small[:, some] & (effect < independent_columns.NEGLIGIBLE), 0, made[:, some])
         return out
 
 
@@ -127,7 +119,7 @@ def _triangular(matrix: sparse.csr_array) -> SuperLU:
 
 def elimination(structure: Structure) -> Elimination:
     """A structure eliminated along its tree."""
-    norms, nonzero = bounded_norms(_norms(structure))
+    norms, nonzero = independent_columns.bounded_norms(_norms(structure))
     unit, places = 1 / np.where(nonzero, norms, np.inf), np.arange(len(norms)).reshape(-1, 10)
     below, shifts, near = _composites(structure)
     columns, parts = list[np.ndarray](), list[_Group]()
@@ -181,12 +173,15 @@ class _Group(NamedTuple):
         if not rows.any():
             return cls(rows, np.zeros((width, len(rows))), np.eye(width), [], True, False)
         u, s, vt = np.linalg.svd(rows, full_matrices=False)
-        rank = numerical_rank(s)
+        rank = independent_columns.numerical_rank(s)
         rounding = float(s[rank]) if rank < len(s) else 0.0
-        kept, passed = first_independent(rows, rank, rounding)
+        kept, passed = independent_columns.first_independent(rows, rank, rounding)
         others = [k for k in range(width) if k not in kept]
         kernel = np.zeros((width, len(others)))
-        kernel[kept], kernel[others] = -coefficients(rows[:, kept], rows[:, others]), np.eye(len(others))
+        kernel[kept], kernel[others] = (
+            -independent_columns.coefficients(rows[:, kept], rows[:, others]),
+            np.eye(len(others)),
+        )
         distinct = s[rank - 1] > CLEAR[0] * s[0] and rounding <= CLEAR[1] * s[0]
         return cls(rows, (vt[:rank].T / s[:rank]) @ u[:, :rank].T, kernel, kept, bool(distinct), bool(passed))
 

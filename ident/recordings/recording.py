@@ -20,17 +20,9 @@ from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
+from ident.recordings import times
 from ident.recordings.stated import Servo, Tracker, load, save
-from ident.recordings.times import (
-    STREAMS,
-    Sampled,
-    check_times,
-    checked_channel,
-    checked_stream,
-    interpolated,
-    interpolated_poses,
-    uniform_times,
-)
+from ident.recordings.times import STREAMS, Sampled, interpolated, interpolated_poses, uniform_times
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:
@@ -114,10 +106,10 @@ class Recording(Brief):
     def __post_init__(self) -> None:
         check_type("streams", self.streams, Mapping, STREAMS)
         check_type("noise", self.noise, Mapping, "a mapping of standard deviations")
-        object.__setattr__(self, "time", checked_channel("time", self.time, None))
-        check_times("Recorded times", self.time)
+        object.__setattr__(self, "time", times.checked_channel("time", self.time, None))
+        times.check_times("Recorded times", self.time)
         for name in ("measured", "true"):
-            channels = {key: checked_channel(key, x, len(self.time)) for key, x in getattr(self, name).items()}
+            channels = {key: times.checked_channel(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
         for name in ("units", "noise", "provenance", "sensors"):
             object.__setattr__(self, name, dict(getattr(self, name)))
@@ -130,7 +122,7 @@ class Recording(Brief):
             raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
         if self.base_rpy_deg is not None:
             object.__setattr__(self, "base_rpy_deg", checked_rpy("base_rpy_deg", self.base_rpy_deg, LogError))
-        object.__setattr__(self, "streams", {name: checked_stream(name, x) for name, x in self.streams.items()})
+        object.__setattr__(self, "streams", {name: times.checked_stream(name, x) for name, x in self.streams.items()})
         for name, stream in self.streams.items():
             common = self._common(name).values
             if stream.values.shape[1:] != common.shape[1:]:
@@ -169,7 +161,7 @@ class Recording(Brief):
             LogError: A stream is malformed, they have no time in common, or the rate is unknown.
         """
         check_type("streams", streams, Mapping, STREAMS)
-        checked = {name: checked_stream(name, stream) for name, stream in streams.items()}
+        checked = {name: times.checked_stream(name, stream) for name, stream in streams.items()}
         time = uniform_times(checked, rate)
         measured = {name: interpolated(stream, time) for name, stream in checked.items() if name != BASE}
         base = interpolated_poses(checked[BASE], time) if BASE in checked else None

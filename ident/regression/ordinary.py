@@ -16,15 +16,8 @@ from scipy.linalg import lapack
 
 from ident.annotations import typed
 from ident.errors import InputError
-from ident.estimation.accumulator import (
-    PROBE,
-    Accumulator,
-    accumulate,
-    inverse_of,
-    remembered_sums,
-    square_root,
-    triangle_of,
-)
+from ident.estimation import accumulator
+from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples, even
@@ -178,7 +171,7 @@ def least_squares(
             accumulated = accumulate(equations, piece, start=accumulated, checked=True)
     else:
         # Accumulators in common coordinates add without a change of coordinates.
-        factor = accumulate(equations, first[:PROBE], checked=True).factor if factor is None else factor
+        factor = accumulate(equations, first[: accumulator.PROBE], checked=True).factor if factor is None else factor
         work = partial(accumulate, equations, factor=factor, checked=True)
         accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(accumulated, equations, noise)
@@ -211,18 +204,18 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, with A also the factor of a QR.
     A, failed = lapack.dpotrf(gram[:m, :m])
     if failed:
-        A = triangle_of(square_root(gram[:m, :m]))
+        A = accumulator.triangle_of(accumulator.square_root(gram[:m, :m]))
     natural = order.argsort()
     root = (A @ P_b)[:, natural]
     check_excitation(root, accumulated.names, accumulated.samples, noise)
-    inverse = inverse_of(A)
+    inverse = accumulator.inverse_of(A)
     shift = scale * inverse @ (inverse.T @ gram[:m, m])
     # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
     residual = np.append(-shift, scale)
     squares = np.maximum(residual @ accumulated.grams @ residual, 0)
     own = accumulated.grams[:, :m, :m]
     measured = (np.diagonal(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * gram[:m, :m].diagonal()).any(axis=1)
-    half = (inverse_of(P_b) @ inverse)[natural]
+    half = (accumulator.inverse_of(P_b) @ inverse)[natural]
     if accumulated.weighted:
         covariance = half @ half.T
     else:
@@ -291,7 +284,7 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
         residual = np.hstack([r[-1] - np.tensordot(fit.values, r[:-1], axes=1) for r in equations.rows(part)])
         taken = m * len(part) / fit.rows
         if steady:
-            sandwich.add_steady(partial(remembered_sums, equations, part), residual, taken)
+            sandwich.add_steady(partial(accumulator.remembered_sums, equations, part), residual, taken)
         else:
             sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:

@@ -54,16 +54,8 @@ def read_entry(path: Path) -> Entry:
         raise InputError(f"{path.name} is no entry of the registry: {error}") from None
 
 
-DAMAGED = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    sqlite3.Error,
-    struct.error,
-    pickle.PickleError,
-    BadZipFile,
-)
+NOT_AS_MEANT = ValueError, LookupError, TypeError, AttributeError
+DAMAGED = *NOT_AS_MEANT, sqlite3.Error, struct.error, pickle.PickleError, BadZipFile
 """Errors of converters that damaged files cause."""
 
 
