@@ -73,10 +73,6 @@ class PayloadReport:
         more["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
         return _table(f"{self.payload.title}, in the frame of '{self.payload.body}'", body, more, brief=brief)
 
-    def flange_table(self) -> tabular.Table:
-        """The same in the flange's frame."""
-        return _table(f"The same in the frame of '{self.flange}'", self.at_flange, {})
-
     def sensor_table(self, *, every: bool = True) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor, or those alone that are taken out."""
         parameters = [each for each in self.payload.sensor_parameters if every or each.taken_out]
@@ -146,7 +142,7 @@ class PayloadReport:
             files[updated] = lambda path: write_model(path, robot, payload.phi_of_robot())
         tables = {"table_payload": self.table()}
         if self.flange != payload.body:
-            tables["table_flange"] = self.flange_table()
+            tables["table_flange"] = _table(f"The same in the frame of '{self.flange}'", self.at_flange, {})
         if payload.sensor_parameters:
             tables["table_sensor"] = self.sensor_table()
         tables["table_held_out"] = identify_report.quality_table(payload.estimate)
