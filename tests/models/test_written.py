@@ -17,7 +17,7 @@ from test_urdf import ARM
 from test_urdf_files import CORNERS
 
 import sim
-from ident.mechanism.drives import Drive
+from ident.mechanism.drives import Actuator, Drive
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters
 from sim.models.model_mechanism import mechanism
@@ -211,6 +211,8 @@ def odd(tmp_path, request):
 def test_of_mjcf_what_does_not_change_is_kept_byte_for_byte(odd):
     _, text, written = odd
     assert written() == text
+    stiffer = {"Gelenk": Drive(viscous=0.5, actuators=(Actuator("p", gain=6.0, kp=6.0, kv=0.1),))}
+    assert written(drives=stiffer) == text.replace('kp="5"', 'kp="6.0"')
     displaced = written(displaced={"Knie": np.array([0.0, 0.25, 0.0])})
     assert displaced == text.replace('"1  0 2e-1"', '"1  0.25 2e-1"')
     assert written(drives={"Gelenk": Drive(viscous=0.75)}) == text.replace("'.5'", "'0.75'")
