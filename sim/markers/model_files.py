@@ -16,7 +16,7 @@ from ident.files.column import UNITS
 from ident.files.limits import made, toml
 from ident.mechanism.body import BASE, Body, Follower
 from ident.tolerances import ROUNDING
-from sim.models.inertials import OVERRIDING
+from sim.models.inertials import remove_overrides
 from sim.models.model_update import set_asset_folders
 from sim.models.notes import refusals
 from sim.models.opensim.reading import mechanism_from_opensim
@@ -161,10 +161,7 @@ def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None
     """
     with refusals("The model"):
         root = ET.fromstring(spec.to_xml())
-    for compiler in root.findall("compiler"):
-        for key in OVERRIDING:
-            compiler.attrib.pop(key, None)
-        compiler.set("inertiafromgeom", "auto")
+    remove_overrides(root)
     bodies = [body for world in root.findall("worldbody") for body in (world, *world.iter("body"))]
     for b, body in enumerate(bodies):
         _place(model, b, body)

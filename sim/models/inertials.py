@@ -1,5 +1,6 @@
 """Inertias of bodies in MuJoCo's form: principal moments about the centre of mass, and the principal axes."""
 
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -113,6 +114,15 @@ def overrides(spec: mujoco.MjSpec) -> bool:
     compiler = spec.compiler
     from_geoms = compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     return bool(from_geoms or any(getattr(compiler, key) > 0 for key in OVERRIDING))
+
+
+def remove_overrides(root: ET.Element) -> None:
+    """Removes compiler settings that change inertias from an MJCF document."""
+    for compiler in root.findall("compiler"):
+        for key in OVERRIDING:
+            compiler.attrib.pop(key, None)
+        if compiler.get("inertiafromgeom") == "true":
+            compiler.set("inertiafromgeom", "auto")
 
 
 def compiled_as_stated(spec: mujoco.MjSpec, source: object = "The model") -> mujoco.MjModel:

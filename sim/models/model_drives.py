@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.mechanism.drives import NO_DRIVE, Actuator, Drive, checked_drives
 from sim.models.notes import joint_name, name_of, note
-from sim.models.xml_files import digits
+from sim.models.xml_files import SAME, restated
 
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -26,9 +26,6 @@ _SWITCHES = {
     "coulomb": ("FRICTIONLOSS", "CONSTRAINT"),
 }
 """Flags of the option that disable parts of a drive; MuJoCo's versions have some of them each."""
-
-SAME = 1e-12
-"""Relative difference that counts as rounding: a number, or one of a vector or a matrix, is kept."""
 
 
 def drives_of_model(
@@ -234,24 +231,30 @@ def changed_servos(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[i
     return changed
 
 
+def bodies_of(root: ET.Element) -> dict[int, ET.Element]:
+    """Bodies of an MJCF document by their ids, without the world."""
+    return dict(enumerate((body for world in root.findall("worldbody") for body in world.iter("body")), 1))
+
+
 def state_servos(root: ET.Element, changed: Mapping[int, tuple[float, float]]) -> None:
     """Sets the gains of position actuators of an MJCF document, whatever their classes have."""
-    actuators = [each for section in root.findall("actuator") for each in section]
+    actuators = [each for section in root.findall("actuator") for each in section if isinstance(each.tag, str)]
     for a, (kp, kv) in changed.items():
-        if actuators[a].tag == "position":
-            actuators[a].attrib.pop("dampratio", None)
-            actuators[a].attrib |= {"kp": digits([kp]), "kv": digits([kv])}
+        own = actuators[a]
+        if own.tag == "position":
+            own.attrib.pop("dampratio", None)
+            gains: dict[str, list[float]] = {"kp": [kp], "kv": [kv]}
         else:
-            actuators[a].attrib |= {"gainprm": digits([kp]), "biasprm": digits([0, -kp, -kv])}
+            gains = {"gainprm": [kp], "biasprm": [0.0, -kp, -kv]}
+        own.attrib |= {key: restated(own.get(key), numbers) for key, numbers in gains.items()}
 
 
 def state_drives(root: ET.Element, changed: Mapping[int, Mapping[str, float]]) -> None:
     """Sets attributes of joints of an MJCF document, whatever their classes have."""
-    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
-    joints = [joint for body in bodies for joint in _own_joints(body)]
+    joints = [joint for body in bodies_of(root).values() for joint in _own_joints(body)]
     for j, values in changed.items():
         for key, value in values.items():
-            joints[j].set(key, digits([value]))
+            joints[j].set(key, restated(joints[j].get(key), [value]))
         if {"damping", "stiffness"} & values.keys():
             joints[j].attrib.pop("springdamper", None)
 

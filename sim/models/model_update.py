@@ -18,24 +18,26 @@ from ident.geometry.inertia import entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import (
-    OVERRIDING,
     Inertial,
     Update,
+    bodies_in_order,
     compiled_as_stated,
     inertial_of,
     is_physical,
     overrides,
+    remove_overrides,
     set_inertials,
     stated_parts,
 )
-from sim.models.model_drives import SAME, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
+from sim.models.model_drives import bodies_of, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.notes import body_name, refusals
-from sim.models.opensim.reading import OpenSimOrigin, is_opensim, write_opensim
+from sim.models.opensim.reading import OpenSimOrigin, is_opensim
+from sim.models.opensim.writing import write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import updated_urdf
-from sim.models.xml_files import digits, parsed, with_sections
+from sim.models.xml_files import SAME, ModelFile, parsed, restated, set_comment, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -45,9 +47,6 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 
 Stated = tuple[float, np.ndarray, np.ndarray]
 """Mass, centre of mass, and inertia about it."""
-
-UNCHANGED = ("equality", "tendon")
-"""Sections of MJCF, in which nothing is identified."""
 
 NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
 """Displacements of joints that are where the model says."""
@@ -99,10 +98,11 @@ def write_model(
 ) -> None:
     """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim by the suffix, else MJCF.
 
-    In a URDF or an OpenSim file only numbers with another value change, missing elements are added, and every other
-    byte stays. In an MJCF file only inertias and drives change (and, in another folder, the folders of meshes and
-    textures); its `<equality>` and `<tendon>` stay byte for byte. Files with `EXPANDED` elements, specifications, and
-    URDF as MJCF are written by MuJoCo, which rounds numbers other than these to six digits.
+    Only numbers with another value change, missing elements are added, and every other byte of the file stays; so does
+    a body whose φ differs by rounding only. In MJCF a new inertia is stated by its principal axes, in another folder
+    the folders of meshes and textures change as well, and settings of the compiler that override inertias are removed.
+    Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds numbers other
+    than these to six digits.
 
     Args:
         path: File to write; its folder must exist.
@@ -130,7 +130,7 @@ def write_model(
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    data = _urdf(origin, update) if urdf else _mjcf(origin, update, path.parent)
+    data = _urdf(origin, update) if urdf else _mjcf(origin, source, update, path.parent)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
@@ -213,65 +213,63 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
     set_inertials(spec, inertials)
 
 
-def _mjcf(origin: Origin, update: Update, folder: Path) -> bytes:
+def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> bytes:
     """Content of an updated MJCF file in a folder."""
-    source, changed = origin.text, changed_drives(origin.model, update.drives)
-    assert source is not None
+    members, changed = _members(origin, update.phi), changed_drives(origin.model, update.drives)
     spec = specification(source, origin.packages)
+    overriding = overrides(spec)
     inertials = _inertials(spec, origin, update.phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
-    root = None if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
-    if root is None or root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
-        root, source_text = ET.fromstring(spec.to_xml()), b""
+    if isinstance(source, mujoco.MjSpec) or _is_generated(parsed(Path(source))):
+        file = ModelFile(Path("The model"), spec.to_xml().encode())
     else:
-        source_text = Path(str(source)).read_bytes()
-    members = {b: own for b, own in _members(origin, update.phi).items() if own.any()}
-    texts = {b: update.comments.get(body_name(origin.model, b)) for b in members}
-    noted = {b: (text, stated_parts(members[b], short=True)) for b, text in texts.items() if text is not None}
-    _state(root, inertials, noted)
-    _displace(root, spec, {origin.model.body(name).id: shift for name, shift in update.displaced.items()})
+        file = ModelFile(Path(source), text_of(Path(source)))
+        if not overriding:
+            inertials = {b: inertials[b] for b, own in members.items() if _differs(origin, b, own)}
+    root, bodies = file.root, bodies_of(file.root)
+    names = {b: body_name(origin.model, b) for b, own in members.items() if own.any()}
+    comments = {b: update.comments[name] for b, name in names.items() if name in update.comments}
+    for b, inertial in inertials.items():
+        _state(bodies[b], inertial, stated_parts(members[b], short=True) if b in comments else None)
+    for b, text in comments.items():
+        set_comment(bodies[b], text)
+    if overriding:
+        remove_overrides(root)
+    ids = {body_name(origin.model, b): b for b in range(origin.model.nbody)}
+    _displace(bodies, spec, {ids[name]: shift for name, shift in update.displaced.items()})
     state_drives(root, changed)
     state_servos(root, changed_servos(origin.model, update.drives))
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
         set_asset_folders(root, spec, home, folder)
-    data = (ET.tostring(root, encoding="unicode") + "\n").encode()
-    return with_sections(Path(str(source)), data, source_text, UNCHANGED) if source_text else data
+    return file.changed()
 
 
-def _state(root: ET.Element, inertials: dict[int, Inertial], noted: Mapping[int, tuple[str, Stated]]) -> None:
-    """States inertias of bodies by their ids, with comments and short numbers where there are any."""
-    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
-    for b, inertial in inertials.items():
-        body = bodies[b - 1]
-        for old in body.findall("inertial"):
-            body.remove(old)
-        mass, pos, quat, moments = inertial
-        numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
-        if b in noted:
-            text, (mass, pos, inertia) = noted[b]
-            numbers = {"mass": [mass], "pos": pos, "fullinertia": entries(inertia)}
-        body.insert(0, ET.Element("inertial", {key: digits(x) for key, x in numbers.items()}))
-        body[0].tail = body.text
-        if b in noted:
-            begin, remarks = text.split(":")[0], [each for each in body if callable(each.tag)]
-            for old in (each for each in remarks if (each.text or "").split(":")[0].strip() == begin):
-                body.remove(old)
-            body.insert(0, ET.Comment(f" {text} "))
-            body[0].tail = body.text
-    for compiler in root.findall("compiler"):
-        for key in OVERRIDING:
-            compiler.attrib.pop(key, None)
-        if compiler.get("inertiafromgeom") == "true":
-            compiler.set("inertiafromgeom", "auto")
+def _is_generated(root: ET.Element) -> bool:
+    """True if a file does not list the bodies of its model as MJCF."""
+    return root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED)
 
 
-def _displace(root: ET.Element, spec: mujoco.MjSpec, shifts: Mapping[int, np.ndarray]) -> None:
+def _state(body: ET.Element, inertial: Inertial, short: Stated | None) -> None:
+    """States the inertia of a body, with short numbers if there are any."""
+    mass, pos, quat, moments = inertial
+    numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
+    if short is not None:
+        mass, pos, inertia = short
+        numbers = {"mass": [mass], "pos": pos, "fullinertia": entries(inertia)}
+    stated = body.find("inertial")
+    if stated is None:
+        stated = ET.Element("inertial")
+        body.insert(0, stated)
+    stated.attrib = {key: restated(stated.get(key), values) for key, values in numbers.items()}
+
+
+def _displace(bodies: Mapping[int, ET.Element], spec: mujoco.MjSpec, shifts: Mapping[int, np.ndarray]) -> None:
     """Displaces bodies, by their ids, in the frames of their parents; the file may state them in frames of its own."""
-    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
+    specified = list(bodies_in_order(spec.worldbody))
     for b, shift in shifts.items():
-        own = spec.bodies[b]
+        own = specified[b]
         stated = own.pos.copy()
         # MuJoCo 3.3 does not tell whether a body has a frame.
         if getattr(own, "frame", own) is not None:
@@ -281,7 +279,7 @@ def _displace(root: ET.Element, spec: mujoco.MjSpec, shifts: Mapping[int, np.nda
                 own.pos = stated + step
                 places.append(spec.compile().body_pos[b].copy())
             shift = (np.array(places[:3]) - places[3]) @ shift
-        bodies[b - 1].set("pos", digits(stated + shift))
+        bodies[b].set("pos", restated(bodies[b].get("pos"), stated + shift))
 
 
 def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path, folder: Path) -> None:
@@ -308,11 +306,16 @@ def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed, dynamics = {}, urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
     for b, own in _members(origin, update.phi).items():
-        before = body_parameters(origin.model, b)
-        if abs(own - before).max() > SAME * abs(before).max():
+        if _differs(origin, b, own):
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
     return updated_urdf(Path(str(origin.text)), changed, dynamics, update)
+
+
+def _differs(origin: Origin, b: int, own: np.ndarray) -> bool:
+    """True if φ (10,) of a body differs from the model's by more than rounding."""
+    before = body_parameters(origin.model, b)
+    return bool(abs(own - before).max() > SAME * abs(before).max())
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:

@@ -1,17 +1,21 @@
-"""Model files as XML, xacro expanded: their elements, and edits that replace some bytes and keep all others."""
+"""Model files as XML, xacro expanded, and written with some elements changed and all other bytes kept."""
 
+import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
+from xml.sax.saxutils import escape
 
 from ident.errors import InputError, ModelError, not_installed
 
 LARGEST = 1e100
 """Upper limit of a model's numbers, so that products of them are finite."""
+
+SAME = 1e-12
+"""Relative difference that counts as rounding: a number, or one of a vector or a matrix, is kept."""
 
 SUFFIX = ".xacro"
 """End of the names of xacro files, which are URDF files with macros."""
@@ -48,12 +52,7 @@ def urdf_of(path: Path) -> bytes:
 
 
 def text_of(path: Path) -> bytes:
-    """Bytes of a model file, those of the URDF file that a xacro file describes."""
-    return urdf_of(path) if is_xacro(path, _root(path.read_bytes())) else path.read_bytes()
-
-
-def parsed(path: Path) -> ET.Element:
-    """Root element of an MJCF, URDF or OpenSim file, with comments kept, and xacro expanded.
+    """Bytes of an MJCF, URDF or OpenSim file, those of the URDF file that a xacro file describes.
 
     Raises:
         ModelError: The file does not exist, is no XML, has a name that is no UTF-8 text, or cannot be expanded.
@@ -63,159 +62,209 @@ def parsed(path: Path) -> ET.Element:
         raise ModelError(f"A model is an MJCF, URDF or OpenSim file that exists, got '{path}'.")
     if str(path).encode(errors="replace").decode() != str(path):
         raise ModelError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
+    data = path.read_bytes()
     try:
-        root = _root(path.read_bytes())
+        root = _root(data)
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two are raised for unknown, non-text or multi-byte encodings.
         raise ModelError(f"{path}: the file needs to be XML ({error}).") from None
-    return _root(urdf_of(path)) if is_xacro(path, root) else root
+    return urdf_of(path) if is_xacro(path, root) else data
+
+
+def parsed(path: Path) -> ET.Element:
+    """Root element of a model file, with comments kept; errors as for `text_of`."""
+    return _root(text_of(path))
 
 
 def _root(data: bytes) -> ET.Element:
     return ET.fromstring(data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
 
 
-_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*(/?)>""")
-_ATTRIBUTE = re.compile(rb"""\s([^\s=/<]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_TAG = re.compile(rb"""(<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*)(\s*/?>)""")
+_ATTRIBUTE = re.compile(rb"""(\s+([^\s=]+)\s*=\s*(["']))(.*?)(\3)""", re.DOTALL)
 _BLANK = re.compile(rb"\s*(?=<)")
+_WORD = re.compile(rb"(\S+)")
 
 
-class Edit(NamedTuple):
-    """Replacement of the bytes of a file from `first` to before `last` by a text."""
-
-    first: int
-    last: int
-    text: bytes
-
-
-@dataclass
-class Element:
-    """An element and its position in a file.
+class _Place(NamedTuple):
+    """Bytes of an element or a comment in a file, and what it has there.
 
     Attributes:
-        tag: Its tag.
-        attributes: Its attributes.
-        start: First byte of its start tag.
+        start: First byte of it.
+        head: Its start tag, without what closes it.
+        close: What closes its start tag, `/>` of an element that has no end tag.
         inside: First byte after its start tag.
         end: First byte of its end tag, or after its start tag if it has none.
-        closed: True for an empty element, `<tag/>`, which has no end tag.
-        children: Its child elements.
+        tail: Its end tag.
+        attributes: Its attributes.
+        text: The text in it, up to its first child.
     """
 
-    tag: str
-    attributes: dict[str, str]
     start: int
+    head: bytes
+    close: bytes
     inside: int
     end: int
-    closed: bool
-    children: list["Element"] = field(default_factory=list)
-
-    def child(self, tag: str) -> "Element | None":
-        """First child with a tag, None without one."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def below(self, *tags: str) -> Iterator["Element"]:
-        """Descendants at the end of a path of tags."""
-        if not tags:
-            yield self
-            return
-        for child in self.children:
-            if child.tag == tags[0]:
-                yield from child.below(*tags[1:])
-
-    def attribute(self, data: bytes, name: str) -> tuple[int, int] | None:
-        """First byte of an attribute's value and the first after it, None if the element does not have it."""
-        for match in _ATTRIBUTE.finditer(data, self.start, self.inside):
-            if match[1] == name.encode():
-                return match.span(2 if match[2] is not None else 3)
-        return None
-
-    def with_attributes(self, data: bytes, text: bytes) -> Edit:
-        """Edit that adds attributes, each after a blank, to the start tag."""
-        end = self.inside - (2 if self.closed else 1)
-        end = self.start + len(data[self.start : end].rstrip())
-        return Edit(end, end, text)
-
-    def with_first(self, data: bytes, text: bytes) -> Edit:
-        """Edit that inserts text before the first child, on a line of its own if that child is on one."""
-        if self.closed:
-            end = self.start + len(data[self.start : self.inside - 2].rstrip())
-            return Edit(end, self.inside, b">" + text + b"</" + self.tag.encode() + b">")
-        blank = _BLANK.match(data, self.inside, self.end)
-        return Edit(self.inside, self.inside, (blank[0] if blank else b"") + text)
+    tail: bytes
+    attributes: dict[str, str]
+    text: str
 
 
-def root_of(path: Path, data: bytes) -> Element:
-    """Root element of a well-formed file, with the positions of all elements in it.
+class ModelFile:
+    """A well-formed XML file whose elements may change, and its bytes with these changes and no others.
+
+    Attributes:
+        root: Its root element, comments kept. Attributes, comments, and texts of elements without children may change,
+            attributes may be removed, and elements and comments inserted.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
-        raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
-    parser, open_elements = expat.ParserCreate(), [Element("", {}, 0, 0, len(data), False)]
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        at = parser.CurrentByteIndex
-        match = _TAG.match(data, at)
-        if match is None:
-            raise ModelError(
-                f"{path}: a file whose elements come from entities cannot be written back; save it with the elements "
-                "themselves, as the program it is from does."
-            )
-        place = Element(tag, attributes, at, match.end(), match.end(), bool(match[1]))
-        open_elements[-1].children.append(place)
-        open_elements.append(place)
+    def __init__(self, path: Path, data: bytes) -> None:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
+            raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
+        self._data, self._encoding, self._places = data, "utf-8", dict[ET.Element, _Place]()
+        builder, parser = ET.TreeBuilder(insert_comments=True), expat.ParserCreate()
+        open_tags = list[re.Match[bytes]]()
 
-    def end(_: str) -> None:
-        place = open_elements.pop()
-        if not place.closed:
-            place.end = parser.CurrentByteIndex
+        def declared(_: str, encoding: str | None, __: int) -> None:
+            self._encoding = encoding or self._encoding
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.Parse(data, True)
-    return open_elements[0].children[0]
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            match = _TAG.match(data, parser.CurrentByteIndex)
+            if match is None:
+                raise ModelError(
+                    f"{path}: a file whose elements come from entities cannot be written back; save it with the "
+                    "elements themselves, as the program it is from does."
+                )
+            open_tags.append(match)
+            builder.start(tag, attributes)
+
+        def end(tag: str) -> None:
+            match, element = open_tags.pop(), builder.end(tag)
+            last = stop = match.end()
+            if match[2][-2:] != b"/>":
+                last = parser.CurrentByteIndex
+                stop = data.index(b">", last) + 1
+            parts = match.start(), match[1], match[2], match.end(), last, data[last:stop]
+            self._places[element] = _Place(*parts, dict(element.attrib), element.text or "")
+
+        def comment(text: str) -> None:
+            first = parser.CurrentByteIndex
+            # Those in entities are not in the file itself.
+            if data.startswith(b"<!--", first):
+                parts = first, b"<!--", b"", first + 4, data.index(b"-->", first), b"-->"
+                self._places[builder.comment(text)] = _Place(*parts, {}, text)
+
+        # Defaults of attributes in a document type are not in the file's elements.
+        parser.specified_attributes = True
+        parser.XmlDeclHandler, parser.CommentHandler = declared, comment
+        parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
+        parser.Parse(data, True)
+        self.root = builder.close()
+
+    def changed(self) -> bytes:
+        """Bytes of the file with what has changed in its elements.
+
+        Of an attribute or a text with as many words as before, only those words change that are others. An inserted
+        element is on a line of its own if its parent's first child is.
+        """
+        root = self._places[self.root]
+        stop = root.end + len(root.tail)
+        return self._data[: root.start] + self._written(self.root) + self._data[stop:]
+
+    def _written(self, element: ET.Element) -> bytes:
+        """An element or a comment with what has changed in it, or a new one."""
+        if callable(element.tag):
+            new = _Place(0, b"<!--", b"", 0, 0, b"-->", {}, "")
+        else:
+            new = _Place(0, f"<{element.tag}".encode(), b"/>", 0, 0, b"", {}, "")
+        place = self._places.get(element, new)
+        head, inside = self._head(element, place), self._inside(element, place)
+        if inside and place.close[-2:] == b"/>":
+            return head + b">" + inside + f"</{element.tag}>".encode()
+        return head + place.close + inside + place.tail
+
+    def _head(self, element: ET.Element, place: _Place) -> bytes:
+        """Start tag of an element, without what closes it."""
+
+        def attribute(match: re.Match[bytes]) -> bytes:
+            key = match[2].decode(self._encoding)
+            if key not in element.attrib:
+                return b""
+            return match[1] + self._with_words(match[4], place.attributes[key], element.attrib[key]) + match[5]
+
+        added = {key: value for key, value in element.items() if key not in place.attributes}
+        texts = [b" " + key.encode() + b'="' + self._encoded(value) + b'"' for key, value in added.items()]
+        return _ATTRIBUTE.sub(attribute, place.head) + b"".join(texts)
+
+    def _inside(self, element: ET.Element, place: _Place) -> bytes:
+        """Bytes between the tags of an element, or of a comment."""
+        data, at = self._data, place.inside
+        if not len(element):
+            return self._with_words(data[at : place.end], place.text, element.text or "")
+        blank, parts = _BLANK.match(data, at, place.end), list[bytes]()
+        for child in element:
+            if (own := self._places.get(child)) is not None:
+                parts.append(data[at : own.start])
+                at = own.end + len(own.tail)
+            elif blank is not None:
+                parts.append(blank[0])
+            parts.append(self._written(child))
+        return b"".join([*parts, data[at : place.end]])
+
+    def _with_words(self, stated: bytes, old: str, new: str) -> bytes:
+        """Bytes of a text with those words that are others; all of it if their number is another."""
+        before, after, parts = old.split(), new.split(), _WORD.split(stated)
+        if before == after:
+            return stated
+        if not len(before) == len(after) == len(parts) // 2:
+            return self._encoded(new)
+        for k, (word, other) in enumerate(zip(before, after, strict=True)):
+            if word != other:
+                parts[2 * k + 1] = self._encoded(other)
+        return b"".join(parts)
+
+    def _encoded(self, text: str) -> bytes:
+        return escape(text, {'"': "&quot;"}).encode(self._encoding, "xmlcharrefreplace")
 
 
-def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """Bytes after edits, which must not overlap; edits at one position are applied in the given order."""
-    parts, done = list[bytes](), 0
-    for first, last, text in sorted(edits, key=lambda edit: edit[:2]):
-        parts += [data[done:first], text]
-        done = last
-    return b"".join([*parts, data[done:]])
-
-
-def with_sections(path: Path, data: bytes, other: bytes, tags: Collection[str]) -> bytes:
-    """Bytes of a file in UTF-8 whose elements right below the root are those of another, byte for byte, for some tags.
-
-    They stay as they are if the other is in another encoding, has elements in entities, or not the same ones.
-    """
-    try:
-        other.decode()
-        own, others = ([x for x in root_of(path, each).children if x.tag in tags] for each in (data, other))
-    except (ModelError, UnicodeDecodeError):
-        return data
-    if [x.tag for x in own] != [x.tag for x in others]:
-        return data
-    return edited(
-        data, [Edit(*_span(data, x), other[slice(*_span(other, y))]) for x, y in zip(own, others, strict=True)]
-    )
-
-
-def _span(data: bytes, place: Element) -> tuple[int, int]:
-    """First byte of an element and the first after it."""
-    return place.start, place.end if place.closed else data.index(b">", place.end) + 1
-
-
-def with_comment(data: bytes, element: Element, text: str) -> Edit:
-    """Edit that puts a comment first into an element that is not closed, in place of one that begins alike."""
-    alike = re.compile(rb"\s*<!-- " + re.escape(text.partition(":")[0]).encode() + rb".*?-->", re.DOTALL)
-    before, blank = (pattern.match(data, element.inside, element.end) for pattern in (alike, _BLANK))
-    end = before.end() if before else element.inside
-    return Edit(element.inside, end, (blank[0] if blank else b"\n") + f"<!-- {text} -->".encode())
+def set_comment(element: ET.Element, text: str) -> None:
+    """Puts a comment first into an element, or in place of one in it that begins alike."""
+    begin = text.partition(":")[0]
+    for remark in element:
+        if callable(remark.tag) and (remark.text or "").partition(":")[0].strip() == begin:
+            remark.text = f" {text} "
+            return
+    element.insert(0, ET.Comment(f" {text} "))
 
 
 def digits(numbers: Iterable[float]) -> str:
     """Numbers with all their digits."""
     return " ".join(repr(float(x)) for x in numbers)
+
+
+def restated(stated: str | None, numbers: Iterable[float], size: float | None = None) -> str:
+    """Numbers as text, with the words of what is stated for those that differ by rounding only.
+
+    Args:
+        stated: Numbers as they are stated, None if they are not; an empty text means zeros.
+        numbers: The numbers.
+        size: Number relative to which a difference is rounding, by default the largest.
+    """
+    values = [float(x) for x in numbers]
+    near = SAME * (max(map(abs, values)) if size is None else size)
+    words = (stated or "").split()
+    if len(words) == len(values):
+        pairs = zip(words, values, strict=True)
+        return " ".join(word if abs(_number(word) - x) <= near else repr(x) for word, x in pairs)
+    return "" if stated is not None and not words and max(map(abs, values)) <= near else digits(values)
+
+
+def _number(word: str) -> float:
+    """A number of a file, NaN for what Python does not read."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan

@@ -126,6 +126,8 @@ def test_mjcf_bodies_in_turned_frames_or_without_a_place(tmp_path):
     arm = mechanism(tmp_path / "a.xml")
     check(arm, tmp_path / "b.xml", {"arm": SHIFT, "hand": 2 * SHIFT})
     check(mechanism(scenes.load("arm")), tmp_path / "c.xml", {"fore": SHIFT})
+    (tmp_path / "a.xml").write_text(MJCF.format(compiler=""))
+    check(mechanism(tmp_path / "a.xml", "base"), tmp_path / "b.xml", {"body2": SHIFT}, lambda p: mechanism(p, "base"))
 
 
 def test_urdf_joints_keep_every_other_byte(tmp_path):

@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from pathlib import Path
 
 import driven_arm
 import mujoco
@@ -13,13 +14,15 @@ from looped import MODELS
 from mechanisms import random_phi
 from test_model_update import MJCF
 from test_urdf import ARM
+from test_urdf_files import CORNERS
 
 import sim
-from ident.mechanism.drives import Drive
+from ident.mechanism.drives import Actuator, Drive
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters
 from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
+from sim.models.xml_files import ModelFile, restated, set_comment
 
 CLASSES = driven_arm.text(**{key: (2.0, 2.0, 2.0) for key in ("damping", "frictionloss", "armature")}).replace(
     "<worldbody>", '<default><joint damping="9" armature="1" stiffness="5"/></default><worldbody>'
@@ -161,6 +164,159 @@ def test_an_opensim_file_has_the_intervals_of_its_bodies(tmp_path, version):
     write_model(out, arm, full_of(arm))
     assert len(COMMENT.findall(out.read_text())) == len(arm.bodies)
     np.testing.assert_allclose(mechanism(out, "b0").known, full_of(arm).phi, rtol=1e-4, atol=1e-4)
+
+
+ODD = """<?xml version='1.0' encoding="UTF-8"?>
+<!-- Größe: drawn by hand -->
+<mujoco model = 'odd'>
+    <compiler angle="radian" settotalmass="-1"/>
+    <worldbody> <!-- a > b -->
+        <body name='Fuß'>
+            <geom size=".1"/>
+        </body>
+        <body  name="Knie"
+               pos="1  0 2e-1" ><!-- left -->
+            <joint name='Gelenk'   axis="0 1 0"
+                   damping='.5'/>
+
+            <inertial mass = '2.50'  pos="0 0  .1" euler="0 0 0.1"
+                      diaginertia="0.010 .02 2.0e-2"></inertial>
+            <body name="Hand" pos='0 .5 0'>
+                <joint name='w'/>
+                <geom size='.2'
+                      mass="1"/>
+            </body>
+        </body>
+    </worldbody>
+    <actuator><!-- none
+         before --><position name="p" joint="Gelenk" kp="5" kv=".1"/></actuator>
+</mujoco>
+<!-- the end, without a new line -->"""
+
+
+@pytest.fixture(params=["\n", "\r\n"])
+def odd(tmp_path, request):
+    """A mechanism whose file has an odd layout, its text, and a function that writes it and returns the text."""
+    text = ODD.replace("\n", request.param)
+    (tmp_path / "odd.xml").write_bytes(text.encode())
+    arm = mechanism(tmp_path / "odd.xml", "Knie")
+
+    def written(phi=arm.known, **given):
+        write_model(tmp_path / "new.xml", arm, phi, **given)
+        return (tmp_path / "new.xml").read_bytes().decode()
+
+    return arm, text, written
+
+
+def test_of_mjcf_what_does_not_change_is_kept_byte_for_byte(odd):
+    _, text, written = odd
+    assert written() == text
+    stiffer = {"Gelenk": Drive(viscous=0.5, actuators=(Actuator("p", gain=6.0, kp=6.0, kv=0.1),))}
+    assert written(drives=stiffer) == text.replace('kp="5"', 'kp="6.0"')
+    displaced = written(displaced={"Knie": np.array([0.0, 0.25, 0.0])})
+    assert displaced == text.replace('"1  0 2e-1"', '"1  0.25 2e-1"')
+    assert written(drives={"Gelenk": Drive(viscous=0.75)}) == text.replace("'.5'", "'0.75'")
+
+
+def test_of_mjcf_only_inertias_that_change_are_written(odd):
+    arm, text, written = odd
+    phi = arm.known.copy()
+    phi[:10] *= 2
+    stated = re.search(r"<inertial.*?>", text, re.DOTALL)[0]
+    new = re.search(r"<inertial.*?>", written(phi), re.DOTALL)[0]
+    assert written(phi) == text.replace(stated, new)
+    assert new.startswith("<inertial mass = '5.0'  pos=\"0 0  .1\"") and "euler" not in new
+    assert '\n                      diaginertia="' in new
+    phi = arm.known.copy()
+    phi[10:] *= 2
+    after = written(phi)
+    (line,) = set(after.splitlines(keepends=True)) - set(text.splitlines(keepends=True))
+    assert line.startswith('                <inertial mass="2.0" pos="0.0 0.0 0.0"') and line.rstrip().endswith('"/>')
+    assert after.replace(line, "", 1) == text
+    again = mechanism(arm.source.text.with_name("new.xml"), "Knie")
+    np.testing.assert_allclose(again.known, phi, rtol=1e-9, atol=1e-12)
+    write_model(again.source.text.with_name("again.xml"), again, phi)
+    assert again.source.text.with_name("again.xml").read_bytes().decode() == after
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_comments_of_mjcf_are_replaced_in_their_places(odd):
+    arm, text, written = odd
+    first = written(full_of(arm))
+    arm = mechanism(arm.source.text.with_name("new.xml"), "Knie")
+    write_model(arm.source.text.with_name("again.xml"), arm, full_of(arm, seed=1))
+    second = arm.source.text.with_name("again.xml").read_bytes().decode()
+    lines = [each.splitlines(keepends=True) for each in (first, second)]
+    changed = [x for x, y in zip(*lines, strict=True) if x != y]
+    assert 0 < len(changed) == sum("95 %" in x or "inertia" in x for x in changed)
+    assert COMMENT.sub("", first).count("<!--") == text.count("<!--")
+
+
+def with_comment(root):
+    set_comment(root, "new: 2")
+
+
+@pytest.mark.parametrize(
+    ("before", "change", "after"),
+    [
+        ("<a><b/><!-- x --></a>", lambda r: r.set("k", 'é"&<'), '<a k="é&quot;&amp;&lt;"><b/><!-- x --></a>'),
+        ("<a b='1'\n c = \"2\" />", lambda r: r.attrib.pop("b"), '<a\n c = "2" />'),
+        ("<a b='&#49; &lt;  &#50;'/>", lambda r: r.set("b", "1 > 2"), "<a b='&#49; &gt;  &#50;'/>"),
+        ("<a b='1 2'/>", lambda r: r.set("b", "1 2 3"), "<a b='1 2 3'/>"),
+        ("<a/>", with_comment, "<a><!-- new: 2 --></a>"),
+        ("<a>\r\n <b/>\r\n</a>", with_comment, "<a>\r\n <!-- new: 2 -->\r\n <b/>\r\n</a>"),
+        ("<a><b/><!--new: 1--> </a>", with_comment, "<a><b/><!--new: 2--> </a>"),
+        ("<a><!-- old --><!-- new : 1 --></a>", with_comment, "<a><!-- old --><!-- new: 2 --></a>"),
+        ("<a><b> 1  2 </b></a>", lambda r: setattr(r[0], "text", "1 3"), "<a><b> 1  3 </b></a>"),
+        ("<a><b/></a>", lambda r: setattr(r[0], "text", "1 < 3"), "<a><b>1 &lt; 3</b></a>"),
+        ("<a> <b/> <c/></a>", lambda r: r.insert(1, ET.Element("d", e="1")), '<a> <b/> <d e="1"/> <c/></a>'),
+        ("\ufeff<!--x--><a><b /></a >", lambda r: r[0].append(ET.Element("c")), "\ufeff<!--x--><a><b><c/></b></a >"),
+        ("<!DOCTYPE a [<!ATTLIST a b CDATA '1'>]><a/>", with_comment, None),
+    ],
+)
+def test_elements_change_in_their_places(before, change, after):
+    file = ModelFile(Path("a.xml"), before.encode())
+    assert file.changed().decode() == before
+    change(file.root)
+    assert file.changed().decode() == (after or before.replace("<a/>", "<a><!-- new: 2 --></a>"))
+
+
+def test_numbers_are_restated_where_they_differ_by_more_than_rounding():
+    assert restated("1.50 .20 0e0", [1.5, 0.25, 1e-13]) == "1.50 0.25 0e0"
+    assert restated("1.50 .20 0x0", [1.5, 0.25, 0.0]) == "1.50 0.25 0.0"
+    assert restated("1.50 .20", [1.5, 0.2, 0.0]) == "1.5 0.2 0.0" == restated(None, [1.5, 0.2, 0.0])
+    assert restated("", [0.0, 1e-13], 1.0) == "" and restated("", [0.0, 1e-11], 1.0) == "0.0 1e-11"
+
+
+def test_a_file_in_another_folder_finds_its_meshes_and_has_the_same_lines(tmp_path):
+    (tmp_path / "Teile").mkdir()
+    (tmp_path / "Teile" / "a.obj").write_text(CORNERS)
+    asset = '<asset>\n        <mesh name="a" file="a.obj"/>\n    </asset>\n    <worldbody>'
+    text = ODD.replace("<worldbody>", asset).replace("settotalmass", "meshdir='Teile' settotalmass")
+    (tmp_path / "odd.xml").write_bytes(text.encode())
+    (tmp_path / "out").mkdir()
+    arm = mechanism(tmp_path / "odd.xml", "Knie")
+    write_model(tmp_path / "out" / "odd.xml", arm, arm.known)
+    after = (tmp_path / "out" / "odd.xml").read_bytes().decode()
+    folders = '    <compiler meshdir="../Teile" texturedir=".."/>\n'
+    assert after == text.replace(" meshdir='Teile'", "").replace("    <compiler", folders + "    <compiler", 1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ODD.replace("</worldbody>", "<replicate count='2' offset='1 0 0'><geom size='.1'/></replicate></worldbody>"),
+        ODD.replace("<joint name='w'/>", "<include file='w.xml'/>"),
+    ],
+)
+def test_files_that_generate_bodies_are_written_by_mujoco(tmp_path, text):
+    (tmp_path / "w.xml").write_text("<mujocoinclude><joint name='w'/></mujocoinclude>")
+    (tmp_path / "odd.xml").write_bytes(text.encode())
+    arm = mechanism(tmp_path / "odd.xml", "Knie")
+    write_model(tmp_path / "new.xml", arm, 2 * arm.known)
+    again = mechanism(tmp_path / "new.xml", "Knie")
+    np.testing.assert_allclose(again.known, 2 * arm.known, rtol=1e-9, atol=1e-12)
+    assert again.tree.joints == arm.tree.joints
 
 
 def constraints(text):

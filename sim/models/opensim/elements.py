@@ -15,19 +15,18 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import ModelError
 from ident.geometry import se3
-from sim.models.xml_files import LARGEST, parsed
+from sim.models.xml_files import LARGEST
 
 OLDEST = 30000
 """The oldest version of the format that is read, in the file's notation."""
 
 
-def model_element(path: Path) -> ET.Element:
-    """The `<Model>` of an OpenSim file.
+def model_element(path: Path, root: ET.Element) -> ET.Element:
+    """The `<Model>` of an OpenSim file with a root element.
 
     Raises:
-        ModelError: The file does not exist, is no XML, no OpenSim model, or older than version 3.
+        ModelError: The file is no OpenSim model, or older than version 3.
     """
-    root = parsed(path)
     model = root.find("Model")
     if root.tag != "OpenSimDocument" or model is None:
         raise ModelError(f"{path}: an OpenSim file is an <OpenSimDocument> with a <Model>, this one a <{root.tag}>.")

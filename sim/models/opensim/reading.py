@@ -1,4 +1,4 @@
-"""Mechanisms from OpenSim files, with springs as drives; and files with other inertias, all other bytes kept."""
+"""Mechanisms from OpenSim files, with springs as drives."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -6,24 +6,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ident.arguments import checked_coordinates
-from ident.errors import InputError, ModelError, about
-from ident.files.atomic import replacing
-from ident.geometry.inertia import entries, parameters_from_com, symmetric
+from ident.errors import ModelError, about
+from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
-from sim.models.inertials import Update, is_balanced, is_physical, stated_parts
+from sim.models.inertials import is_balanced
 from sim.models.notes import note
 from sim.models.opensim.elements import Frames, flag, label, markers, model_element, number, numbers, objects, text
-from sim.models.opensim.joints import links_in_order, point_constraints
+from sim.models.opensim.joints import point_constraints
 from sim.models.opensim.skeleton import Skeleton
-from sim.models.xml_files import Edit, Element, digits, edited, root_of, with_comment
+from sim.models.xml_files import parsed
 
 STOPPED = 1e-3
 """Distance of a limit from the end of a range, rad or m, within which they are the same: degrees are rounded."""
@@ -150,7 +148,7 @@ def mechanism_from_opensim(
         ModelError: Something in the file cannot be read; the message names it.
     """
     origin, fix = OpenSimOrigin(Path(path), base, tuple(beyond)), checked_coordinates("fix", () if fix is None else fix)
-    model = model_element(origin.path)
+    model = model_element(origin.path, parsed(origin.path))
     with about(origin.path):
         frames = Frames(model)
         skeleton = Skeleton.of(model, frames, ignore)
@@ -211,103 +209,3 @@ def _note_inertias(frames: Frames, bodies: Sequence[str]) -> None:
             odd.append(name)
     if odd:
         note(f"The inertia stated for {', '.join(odd)} is taken as it is, but no rigid body has it (A + B < C).")
-
-
-BODIES = ("Model", "BodySet", "objects", "Body")
-"""Path of tags from below the root to a body."""
-
-
-def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
-    """Writes the file of a mechanism with other inertial parameters, and perhaps other places of joints.
-
-    Args:
-        path: File to write; its folder must exist.
-        mechanism: The mechanism, from an OpenSim file.
-        update: Its new values; drives stay as they are.
-
-    Raises:
-        ModelError: A joint has no offset frame to displace, or the file is in UTF-16 or UTF-32, has elements in
-            entities, or does not read back as φ.
-        InputError: φ does not fit the bodies, one is not physical, or the path does not end in `.osim`.
-    """
-    origin: OpenSimOrigin = mechanism.source
-    if path.suffix.lower() != ".osim":
-        raise InputError(f"An OpenSim model is written as an OpenSim file; write '{path.stem}.osim' instead.")
-    before = Frames(model_element(origin.path)).bodies
-    names, phi = mechanism.bodies, update.phi
-    if phi.shape != (10 * len(names),) or not np.isfinite(phi).all() or not set(names) <= set(before):
-        raise InputError(
-            f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, welds kept, got {phi.shape}."
-        )
-    new = dict(zip(names, phi.reshape(-1, 10), strict=True))
-    changed = {
-        name: own
-        for name, own in new.items()
-        if not np.allclose(own, body_parameters(before[name]), rtol=1e-12, atol=0)
-    }
-    for name, own in changed.items():
-        if own.any() and not is_physical(own):
-            raise InputError(f"The parameters of '{name}' are not those of a physical body.")
-    with replacing(path) as temporary:
-        temporary.write_bytes(_replaced(origin.path, changed, update))
-        after = Frames(model_element(temporary)).bodies
-        for name, own in new.items():
-            if abs(body_parameters(after[name]) - own).max() > update.tolerance * abs(own).max():
-                raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
-
-
-def _replaced(path: Path, bodies: Mapping[str, np.ndarray], update: Update) -> bytes:
-    """Bytes of a file with other φ (10,) of some bodies, comments, and displaced joints."""
-    data, comments = path.read_bytes(), update.comments
-    places: dict[str, Element] = {}
-    for body in root_of(path, data).below(*BODIES):
-        places.setdefault(body.attributes.get("name", "").strip(), body)
-    edits = [edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi, short=name in comments)]
-    noted = [with_comment(data, places[name], text) for name, text in comments.items()]
-    moved = [_offset_edit(path, data, name, shift) for name, shift in update.displaced.items()]
-    return edited(data, [*noted, *edits, *moved])
-
-
-def _offset_edit(path: Path, data: bytes, body: str, shift: np.ndarray) -> Edit:
-    """Edit that displaces the joint that carries a body, in the frame of the body's parent."""
-    model, root = model_element(path), root_of(path, data)
-    link = next(each for each in links_in_order(model, Frames(model)) if each.child.body == body)
-    inside = [group for each in root.below(*BODIES) for group in each.below("Joint")]
-    joints = [each for group in (*root.below("Model", "JointSet", "objects"), *inside) for each in group.children]
-    joint = next(each for each in joints if each.attributes.get("name") == link.joint.get("name"))
-    frame = text(link.joint, "socket_parent_frame").rpartition("/")[2]
-    for place, names in (
-        (joint, ("location_in_parent", "orientation_in_parent")),
-        *((each, ("translation", "orientation")) for each in joint.below("frames", "PhysicalOffsetFrame")),
-    ):
-        stated = place.child(names[0])
-        if stated is None or (place is not joint and place.attributes.get("name") != frame):
-            continue
-        numbers = [np.array(data[x.inside : x.end].split(), float) for x in map(place.child, names) if x]
-        own = Rotation.from_euler("XYZ", numbers[1] if len(numbers) > 1 else np.zeros(3)).as_matrix()
-        turned = own @ link.parent.pose[:3, :3].T @ shift
-        return Edit(stated.inside, stated.end, digits(numbers[0] + turned).encode())
-    raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
-
-
-def _edits(data: bytes, body: Element, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:
-    """Edits of a file's bytes that set a body's φ."""
-    mass, center, inertia = stated_parts(phi, short=short)
-    numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
-    if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):
-        numbers["inertia"] = entries(inertia).tolist()
-    else:
-        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries(inertia).tolist(), strict=True)}
-    missing = b""
-    for tag, values in numbers.items():
-        words = digits(values).encode()
-        whole = b"<" + tag.encode() + b">" + words + b"</" + tag.encode() + b">"
-        place = body.child(tag)
-        if place is None:
-            missing += whole
-        elif place.closed:
-            yield Edit(place.start, place.inside, whole)
-        else:
-            yield Edit(place.inside, place.end, words)
-    if missing:
-        yield body.with_first(data, missing)
