@@ -5,7 +5,7 @@ import warnings
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
@@ -258,10 +258,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             log_of([2 * SWING]),
             r"cannot be closed at 1\.\d+ s: .* m remain\. Check .* its axes \(off parallel: rocker 0\.003 rad\), and",
         ),
+        (
+            text(CRANK + ROCKER + (CRANK + ROCKER).replace('"rocker" axis="0', '"rocker" axis="0.02')
+                 .replace('="r', '="2r').replace("crank", "crank2"),
+                 PIN + PIN.replace('"pin', '"pin2').replace('="r', '="2r')),
+            log_of([SWING, SWING], ("crank", "crank2")),
+            r"crank there does not determine .* these joints, or align axes \(off parallel: 2rocker 0\.02 rad\)\.",
+        ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
     ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
-         "infinite", "skew", "nearly skew", "undetermined"],
+         "infinite", "skew", "nearly skew", "one skew of two", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
