@@ -249,6 +249,11 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             r"The constraint 'pin' needs numbers below 1e\+08, as of its anchor",
         ),
         (
+            text(CRANK, '<joint name="gear" joint1="rod" joint2="crank" polycoef="0 1e9 0 0 0"/>'),
+            log_of([SWING]),
+            r"The constraint 'gear' needs numbers below 1e\+08, as of its anchor or polycoef",
+        ),
+        (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
             r"Loops leave crank, rod, rocker no motion\. Align their axes \(off parallel: rocker 0\.02 rad\), or",
@@ -268,7 +273,7 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
     ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
-         "infinite", "skew", "nearly skew", "one skew of two", "undetermined"],
+         "infinite", "infinite gear", "skew", "nearly skew", "one skew of two", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
