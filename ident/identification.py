@@ -152,7 +152,8 @@ def identify(
             fit is judged on the fitted samples. Of three recordings or more the trajectory estimate fits all samples,
             and predicts each from the rest.
         held_out: Other recordings to judge by, as for `recording`; then all others are fitted whole.
-        own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`, `lag`.
+        own: Parameters that each recording has separately in the trajectory estimate: `offset`, `friction`,
+            `delay`, `lag`, `tracker_delay`.
         setup: Standard deviations of set-up errors in the trajectory estimate by their kinds, in SI units and radians,
             as `{"delay": 0.01, "gain": 0.0}`, of joints' centres by joint, too, as `{"centre": {"knee": 0.02}}`; zero
             for what is exactly as stated. By default those of the recording, else `ident.setup.PRIORS`. Of `scale`,
@@ -233,6 +234,8 @@ def identified(
     for kind, has, what in (("lag", "servos", "commands"), ("tracker_delay", "trackers", "tracked bodies")):
         if kind in own and not any(getattr(log.recording, has) for log in logs):
             raise InputError(f"own has {kind}, but no recording has {what}; leave it out.")
+    if "offset" in own and not offsets:
+        raise InputError("own has offset, but no offsets are fitted (offsets, --no-offsets); leave one of them out.")
     tree, setup = logs[0].mechanism.tree, {} if setup is None else setup
     setup, stated = (checked_setup(each, tree.compounds) for each in (setup, logs[0].recording.setup))
     if "centre" in setup:

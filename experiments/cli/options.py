@@ -49,7 +49,7 @@ def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], floa
 
 
 NUMBER = decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
-POSITIVE = decimal(f"a positive number, {1 / HUGE:g} or more", lambda x: 1 / HUGE <= x < HUGE)
+POSITIVE = decimal(f"a positive number from {1 / HUGE:g} to below {HUGE:g}", lambda x: 1 / HUGE <= x < HUGE)
 """Types of quantities."""
 
 TILT = decimal("an angle as a number from 0° to below 90°", lambda x: 0 <= x < 90)

@@ -42,8 +42,8 @@ def check_different(args: argparse.Namespace) -> None:
     fitted, judges = ([_resolved(log) for log in several] for several in _logs(args))
     if set(judges) & set(fitted):
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
-    if len(set(fitted)) < len(fitted):
-        raise InputError("A log can be fitted once only, but one of them is given twice.")
+    if twice := [log for log, own in zip(_logs(args)[0], fitted, strict=True) if fitted.count(own) > 1]:
+        raise InputError(f"A log can be fitted once only, but '{twice[-1]}' is given twice.")
 
 
 def inputs(args: argparse.Namespace) -> list[Path]:

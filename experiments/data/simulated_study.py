@@ -307,17 +307,20 @@ def wrench_error(study: SimulatedStudy, model: str) -> np.ndarray:
 
 
 def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
-    """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone."""
+    """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone.
+
+    Those that a search leaves as drawn have no standard deviation.
+    """
     tree, out = study.known.tree, dict[str, dict[str, float | None]]()
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
     for j, i in enumerate(tree.moving):
         drawn, true = (home[i] @ each.bodies[i].twist[3:] for each in (tree, study.problem.true))
-        rows = {k: {"true_deg": _tilt(drawn, true)[k]} for k in across(drawn)}
+        rows: dict[int, dict[str, float | None]] = {k: {"true_deg": _tilt(drawn, true)[k]} for k in across(drawn)}
         for model, axis in ((model, axes.separate[j]) for model in models if (axes := study.estimated_axes(model))):
             std = np.degrees(np.linalg.norm(np.cross(drawn, axis.influence), axis=0))
             for k, row in rows.items():
-                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(std[k])}
-        out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": dict(row) for k, row in rows.items()}
+                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(std[k]) or None}
+        out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": row for k, row in rows.items()}
     return out
 
 

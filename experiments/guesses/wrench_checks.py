@@ -69,7 +69,8 @@ def place_wrenches(model: ComparedModel) -> None:
             body = str(group.entries["body"].value)
             _turn_inner(group, model, inside[body])
             origin = "of the sensor in the frame of that body, m: its moments depend on it"
-            group.entries.setdefault("position", TableEntry([0.0, 0.0, 0.0], origin, LIKELY))
+            if "torque" in group.entries:
+                group.entries.setdefault("position", TableEntry([0.0, 0.0, 0.0], origin, LIKELY))
             if belief.of("torque") or any(not other.is_inner for other in belief.groups.values()):
                 group.entries["body"].sure = DOUBTFUL
                 belief.notes.append(

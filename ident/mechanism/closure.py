@@ -304,7 +304,7 @@ class Closure:
             raise self.rigid()
         raise ModelError(
             f"The loops are singular {when}: {joints} there does not determine {', '.join(self.dependent)}. Leave that "
-            "posture out, or log one of these joints."
+            f"posture out, or log one of these joints{self._off and ', or align axes'}{self._off}."
         )
 
     @property

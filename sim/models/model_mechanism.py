@@ -67,11 +67,13 @@ def constraints_of(
 def _constraint(model: mujoco.MjModel, tree: Tree, e: int, name: str) -> Constraint | None:
     """One equality as a constraint; None where it reaches outside the tree, or is none of positions."""
     kind = int(model.eq_type[e])
+    if kind not in (_CONNECT, _WELD, _JOINT, _TENDON):
+        return None
+    if not (abs(model.eq_data[e]) < HUGE).all():
+        raise ModelError(f"The constraint '{name}' needs numbers below {HUGE:g}, as of its anchor or polycoef.")
     if kind in (_CONNECT, _WELD):
         between = _coincidence(model, e, name)
         return between if {*between.bodies} <= {*tree.names} else None
-    if kind not in (_JOINT, _TENDON):
-        return None
     sums = _of_joint if kind == _JOINT else _of_tendon
     sides = [sums(model, int(k)) if k >= 0 else ((), 0.0) for k in (model.eq_obj1id[e], model.eq_obj2id[e])]
     if sides[0] is None or sides[1] is None:
@@ -93,8 +95,6 @@ def _coincidence(model: mujoco.MjModel, e: int, name: str) -> Coincidence:
         bodies, one = [int(k) for k in ids], np.eye(4)[0]
         points = (data[3:6], data[:3]) if whole else (data[:3], data[3:6])
         places = [placed_pose(points[0], data[6:10] if whole else one), placed_pose(points[1], one)]
-    if not (abs(data) < HUGE).all():
-        raise ModelError(f"The constraint '{name}' needs numbers below {HUGE:g}, as of its anchor.")
     names = [name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
     own = [tuple(place.ravel().tolist()) for place in places]
     return Coincidence(name, (names[0], names[1]), (own[0], own[1]), bool(whole))

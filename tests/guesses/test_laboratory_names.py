@@ -159,6 +159,10 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torq
         assert any("for `payload`" in note for note in belief.notes)
         return
     (tmp_path / "arm.xml").write_text(wrist.model())
+    forces = {name: x for name, x in columns.items() if name not in group.entries["torque"].value}
+    (tmp_path / "forces.csv").write_text(text(forces), encoding="utf-8")
+    (alone,) = believed(robot, [tmp_path / "forces.csv"]).groups.values()
+    assert ("position" in group.entries, "position" in alone.entries) == (True, False)
     assert command.main([str(tmp_path / "arm.xml"), str(path)]) == 0
     last = capsys.readouterr().out.strip().splitlines()[-1]
     mapping = tmp_path / "log.toml"

@@ -5,7 +5,7 @@ import warnings
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
@@ -249,6 +249,11 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             r"The constraint 'pin' needs numbers below 1e\+08, as of its anchor",
         ),
         (
+            text(CRANK, '<joint name="gear" joint1="rod" joint2="crank" polycoef="0 1e9 0 0 0"/>'),
+            log_of([SWING]),
+            r"The constraint 'gear' needs numbers below 1e\+08, as of its anchor or polycoef",
+        ),
+        (
             FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"'),
             log_of([SWING]),
             r"Loops leave crank, rod, rocker no motion\. Align their axes \(off parallel: rocker 0\.02 rad\), or",
@@ -258,10 +263,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             log_of([2 * SWING]),
             r"cannot be closed at 1\.\d+ s: .* m remain\. Check .* its axes \(off parallel: rocker 0\.003 rad\), and",
         ),
+        (
+            text(CRANK + ROCKER + (CRANK + ROCKER).replace('"rocker" axis="0', '"rocker" axis="0.02')
+                 .replace('="r', '="2r').replace("crank", "crank2"),
+                 PIN + PIN.replace('"pin', '"pin2').replace('="r', '="2r')),
+            log_of([SWING, SWING], ("crank", "crank2")),
+            r"crank there does not determine .* these joints, or align axes \(off parallel: 2rocker 0\.02 rad\)\.",
+        ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
     ],
     ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "rigid",
-         "infinite", "skew", "nearly skew", "undetermined"],
+         "infinite", "infinite gear", "skew", "nearly skew", "one skew of two", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):

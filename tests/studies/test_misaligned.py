@@ -13,7 +13,7 @@ from stand_ins import undetermined
 from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
-from experiments.data.simulated_study import SimulatedStudy, wrench_error
+from experiments.data.simulated_study import SimulatedStudy, tilts, wrench_error
 from experiments.document.figures import SHEET
 from experiments.reports import study_report
 from experiments.studies import simulation
@@ -84,8 +84,8 @@ def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
-    tilts = csv.DictReader((tmp_path / "table_tilts.csv").read_text().splitlines())
-    assert {*next(tilts)} == {"tilt", "true_deg", "tilt_full_deg", "std_full_deg"}
+    rows = csv.DictReader((tmp_path / "table_tilts.csv").read_text().splitlines())
+    assert {*next(rows)} == {"tilt", "true_deg", "tilt_full_deg", "std_full_deg"}
     assert json.loads((tmp_path / "summary.json").read_text())["trajectory"]["largest_error_full_on_table"] is None
 
 
@@ -181,6 +181,15 @@ def test_tilts_are_found_within_their_intervals(results, study):
             tilt, std = (float(row[f"{name}_{model}_deg"]) for name in ("tilt", "std"))
             assert abs(tilt - true) < INTERVAL * std and 0.01 < std < 0.03
     assert study.axis_error(study.estimated_axes("searched")).max() < np.radians(0.05)
+
+
+def test_a_tilt_that_is_left_as_drawn_has_no_standard_deviation(study, monkeypatch):
+    axes = study.estimated_axes("searched")
+    first, last = axes.separate
+    left = replace(axes, separate=(replace(first, influence=0 * first.influence), last))
+    monkeypatch.setitem(study._searched, "searched", left)
+    stds = [row["std_searched_deg"] for row in tilts(study, ["searched"]).values()]
+    assert stds[:2] == [None, None] and min(stds[2:]) > 0.01
 
 
 def test_bodies_of_the_model_do_not_change_what_is_found(study):

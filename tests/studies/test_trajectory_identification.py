@@ -136,6 +136,7 @@ def test_logs_have_the_same_channels_and_own_what_logs_can_have():
         ([recording, recording], {"own": ["clock"]}, "own needs a list out of .*, lag, tracker_delay; got clock"),
         (recording, {"own": ["tracker_delay"]}, "own has tracker_delay, but no recording has tracked bodies; leave"),
         (recording, {"own": ["offset", "lag"]}, "own has lag, but no recording has commands; leave it out"),
+        (recording, {"own": ["offset"], "offsets": False}, "own has offset, but no offsets are fitted"),
         (recording, {"estimator": "ordinary", "own": ["delay"]}, "Only the trajectory estimate"),
         ([], {}, "at least one recording"),
     ):

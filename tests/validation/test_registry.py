@@ -186,9 +186,12 @@ def test_plain_least_squares_are_compared_and_what_is_missing_names_the_extra(ar
     assert list(peers.compared(path.with_suffix(".xml"), estimate, [])) == ["plain least squares"]
 
 
-def test_nimblephysics_is_not_run_beside_a_numpy_that_it_does_not_survive(monkeypatch):
-    monkeypatch.setattr(peers.np, "__version__", "2.4.0")
-    with pytest.raises(InputError, match=r"segmentation fault beside numpy 2.4.0: .* multicontact\[nimble\]"):
+@pytest.mark.parametrize("version", ["2.4.0", "1.26.4"])
+def test_nimblephysics_is_not_run_without_its_package_or_beside_a_numpy_that_it_does_not_survive(monkeypatch, version):
+    """It cannot be installed with the numpy of `constraints.txt`."""
+    monkeypatch.setattr(peers.np, "__version__", version)
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=rf'pip install -e "\.\[nimble\]"; here is numpy {version}\.'):
         peers.nimble(Path("person.osim"), [], None)
 
 

@@ -15,6 +15,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -229,14 +230,12 @@ def figaroh(task: Given) -> Answer:
 
 def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> Answer:
     """nimblephysics: bodies and angles of a person on plates, in the steps of AddBiomechanics, without markers."""
-    if int(np.__version__.split(".")[0]) > 1:
+    if int(np.__version__.split(".")[0]) > 1 or find_spec("nimblephysics") is None:
         raise InputError(
-            f"nimblephysics ends with a segmentation fault beside numpy {np.__version__}: run it in an environment of "
-            "its own with numpy 1.26, pip install multicontact[nimble]."
+            "nimblephysics, which ends with a segmentation fault beside numpy 2, needs an environment of its own, made "
+            f'by pip install -e ".[nimble]"; here is numpy {np.__version__}.'
         )
-    with library("nimble", "It"):
-        made = import_module("nimblephysics").biomechanics
-
+    made = import_module("nimblephysics").biomechanics
     skeleton = made.OpenSimParser.parseOsim(str(model), "", True).skeleton
     skeleton.setGravity([0.0, -9.81, 0.0])
     sensors = estimate.prepared.recording.sensors.values()

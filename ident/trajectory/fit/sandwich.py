@@ -103,7 +103,8 @@ class _Repeated:
         # Long recordings without a period, all of which are alike, take one sum.
         log = log if within > across else 0
         if log not in sums:
-            sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
+            # Of recordings at several rates the slowest may be slower than the motion.
+            sums[log] = np.zeros((max(round(self.motion.lag / step), 1), self._columns))
         phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
         np.add.at(sums[log], (phases.astype(int)[:, None] % len(sums[log]), columns), rows)
 

@@ -89,6 +89,14 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
     np.testing.assert_allclose(factors, 1 + correlation * (periods - 1))
 
 
+@pytest.mark.parametrize(("step", "told"), [(0.5, True), (0.6, False), (1.9, False), (4.5, False)])
+def test_channels_that_are_slower_than_the_motion_tell_no_phases(rng, step, told):
+    """A residual of 2 s, sampled less than four times in a period."""
+    t = step * np.arange(400)
+    correlation, _, factor = repetition([t], [np.sin(np.pi * t + 0.3)[:, None]], of_period(2.0))
+    assert (correlation > 0.5, factor > 1.5) == (told, told)
+
+
 def fit_of(*pieces):
     """A fit of recordings of one piece each, as far as `trials` reads it."""
     noises = [SimpleNamespace(states=np.zeros(pieces[0].states.shape[1]))] * len(pieces)
