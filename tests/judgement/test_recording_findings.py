@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import sagittal_walker
 from coded import coded
-from mechanisms import by_joint
+from mechanisms import by_joint, sines
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
 from slow_pendulum import recorded
 
 import ident
+import scenes
+import sim
 from ident.estimation.preparation import prepared
 from ident.judgement.model_fit import delay_check
 from ident.judgement.unmeasured import unmeasured_contacts
@@ -85,6 +87,26 @@ def test_nothing_is_found_where_the_weight_is_not_measured():
     wrench[:, 2] = np.nan
     level = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench)
     assert not unmeasured_contacts(prepared(PENDULUM, level))
+
+
+def in_motion(mechanism, seed):
+    """Angles and wrench of 8 s that begin and end in fast motion, with angles that are noisy for it."""
+    rng, joints = np.random.default_rng((seed, 5)), mechanism.tree.joints
+    t, drawn = np.arange(800) / 100, (len(joints), 4)
+    rate = 2 * np.pi * 1.6 * np.array([0.15, 0.31, 0.52, 0.78]) * rng.uniform(0.9, 1.1, drawn)
+    size = np.array([0.5, 0.38, 0.26, 0.16]) * rng.uniform(0.3, 1, drawn)
+    states = sines(t, size, rate, rng.uniform(0, 2 * np.pi, drawn))
+    wrench = ident.base_wrench_regressor(mechanism.tree, *states, gravity=mechanism.gravity) @ mechanism.known
+    q = states[0] + 1e-3 * rng.normal(size=states[0].shape)
+    wrench += np.repeat([0.5, 0.05], 3) * rng.normal(size=wrench.shape)
+    channels = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
+    return ident.Recording(t, by_joint(joints, position=q) | channels)
+
+
+def test_nothing_is_found_where_a_recording_begins_or_ends_in_motion():
+    arm = sim.mechanism(scenes.load("arm"), base="base")
+    for seed in (3, 17):
+        assert not unmeasured_contacts(prepared(arm, in_motion(arm, seed)))
 
 
 @cache
