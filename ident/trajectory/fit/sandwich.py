@@ -24,6 +24,10 @@ from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, resp
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
+LITTLE = 0.01
+"""Correlation up to which rows are taken as alike in all periods, without sums: chance makes that of 10,000 samples,
+and sums of long recordings take much memory."""
+
 
 def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
@@ -46,8 +50,9 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
         motion = again.motion
         first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
-        # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
-        alone = 1 - motion.correlation[0] if every else motion.factor
+        # A share of the pieces has few partners one period later: its rows, too, are taken as alike in all periods.
+        summed = every & (motion.correlation[0] > LITTLE)
+        alone = np.where(summed, 1 - motion.correlation[0], motion.factor)
         for which, stream in enumerate(here.streams):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
@@ -59,7 +64,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
                 for at, s in enumerate(range(len(stream.std))[some]):
                     signal = which, s, first[which] + s
                     halves[:, at] = alone[signal[2]] * _half(pulls[:, at], colours, which, s, stream.step, tails)
-                    if every and motion.correlation[0, signal[2]]:
+                    if summed[signal[2]]:
                         again.add(signal, fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
@@ -86,8 +91,8 @@ class _Repeated:
         self.motion = motion
         pieces = [piece for piece in fit.pieces if piece.log in motion.starts]
         times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
-        # Time between samples of coordinates and of channels, in the slowest recording.
-        self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
+        # Time between samples of coordinates and of channels, in the slowest recording; clocks may nearly coincide.
+        self._steps = [max(max(np.median(np.diff(x)), np.ptp(x) / len(x) / 2) for x in own) for own in times]
         self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
         self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int, int], dict[int, np.ndarray]](dict)
 
@@ -104,8 +109,10 @@ class _Repeated:
         log = log if within > across else 0
         if log not in sums:
             sums[log] = np.zeros((round(self.motion.lag / step), self._columns))
-        phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
-        np.add.at(sums[log], (phases.astype(int)[:, None] % len(sums[log]), columns), rows)
+        places = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
+        # Half steps, too, round one way: a period need not be a number of steps.
+        phases = (places % (self.motion.lag / step) + 0.500001).astype(int)
+        np.add.at(sums[log], (phases[:, None] % len(sums[log]), columns), rows)
 
     def scatter(self, colours: NoiseColours) -> np.ndarray:
         """Covariance of the right side of θ due to what repeats (p, p)."""
@@ -114,12 +121,9 @@ class _Repeated:
             within, across = self.motion.correlation[:, at]
             each = [(within - across, own) for own in sums.values()]
             for size, own in [*each, (across, sum(sums.values(), start=np.zeros(self._columns)))]:
-                noise, tails = (colours, which, s, self._steps[which > 0]), _Tails()
-                if size and self.motion.period < np.inf:
-                    # Slow noise goes on from the end of a period to its beginning.
-                    _half(own, *noise, tails)
                 if size:
-                    products = size * own.T @ _half(own, *noise, tails)
+                    around, step = self.motion.period < np.inf, self._steps[which > 0]
+                    products = size * own.T @ _half(own, colours, which, s, step, _Tails(), around=around)
                     out += products + products.T
         return out
 
@@ -146,8 +150,13 @@ def _goes_on(fit: TrajectoryFit, k: int) -> bool:
     return bool(same and 0 < gap < 2 * usual)
 
 
-def _half(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
-    """`G y` for weighted rows y of θ (N, p), with `G + Gᵀ = Γ` relative to the noise variance of the fit."""
+def _half(
+    y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails, *, around: bool = False
+) -> np.ndarray:
+    """`G y` for weighted rows y of θ (N, p), with `G + Gᵀ = Γ` relative to the noise variance of the fit.
+
+    Periodic noise of the same variance goes around, from the end of y to its beginning.
+    """
     weight, weighted = 0.0, np.zeros_like(y)
     for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
         if not size:
@@ -158,6 +167,9 @@ def _half(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float,
         # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass; twice each sample with itself.
         rho = np.exp(-step / time)
         start = tails.get((which, s, b), np.zeros(y.shape[1]))
+        if around:
+            whole = rho ** len(y)
+            start, size = autoregressive(y, rho, start)[-1] / (1 - whole), size * (1 - whole) / (1 + whole)
         z = autoregressive(y, rho, start)
         tails[which, s, b] = z[-1]
         weight -= size
