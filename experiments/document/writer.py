@@ -12,6 +12,7 @@ from functools import cache, cached_property, partial
 from html import escape
 from importlib.util import cache_from_source
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
@@ -180,6 +181,11 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
 
 class _Compiled(FileSystemBytecodeCache):
     """Compiled templates in the folder of Python's own bytecode, if that can be written."""
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        """Reads a compiled template, if it is whole."""
+        with suppress(OSError, UnpicklingError):
+            super().load_bytecode(bucket)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         """Keeps a compiled template."""

@@ -23,7 +23,7 @@ GROUNDS = re.compile(r"ground|base|plate|floor", re.IGNORECASE)
 """Names of the wrench at the base."""
 
 SAME = 0.999
-"""Correlation of the sizes of two forces above which they are the same force."""
+"""Correlation above which columns, or the sizes of two forces, are two readings of the same."""
 
 ABOUT_ORIGIN = 0.05
 """Share of a moment's variance not explained by p × F, up to which it is about the origin rather than the point."""

@@ -230,8 +230,9 @@ def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
 def too_large(value: Any) -> str:
     """End of a sentence on an entry if numbers of it are not below `HUGE`, else empty."""
     array = as_array([value])
-    large = array is not None and (np.abs(array) >= HUGE).any()
-    return f"; numbers have to be below {HUGE:g}" if large else ""
+    # Dates of a TOML file are objects of an array, as integers of many digits are.
+    numbers = [] if array is None else [x for x in array.ravel().tolist() if isinstance(x, int | float)]
+    return f"; numbers have to be below {HUGE:g}" if any(abs(x) >= HUGE for x in numbers) else ""
 
 
 def choice(where: str, value: Any, choices: Collection[str]) -> str:

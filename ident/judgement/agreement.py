@@ -126,10 +126,11 @@ def _difference(joint: TrajectoryEstimate, which: int) -> tuple[np.ndarray, np.n
     each = np.ix_(free, free)
     schur = np.sum([schur for schur, _ in fit.shares[own]], axis=0)[each]
     scatter = np.sum(fit.scatter_shares[own], axis=0)[each]
-    # The recording's right side is its own noise's, less what all noise has moved the estimate by.
+    # The recording's right side is its own noise's, less what all noise has moved the estimate by. Of recordings alike,
+    # what repeats in all of them cancels.
     moved = schur @ inverse_of_precision(fit.precision[each])
-    apart = np.eye(len(moved)) - moved
-    noise = apart @ scatter @ apart.T + moved @ (fit.scatter[each] - scatter) @ moved.T
+    apart, others = np.eye(len(moved)) - moved, fit.scatter - sum(fit.scatter_shares[len(fit.pieces) :])
+    noise = apart @ scatter @ apart.T + moved @ (others[each] - scatter) @ moved.T
     return theta, embedded(inverse @ noise @ inverse, free)
 
 

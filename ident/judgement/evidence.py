@@ -247,7 +247,7 @@ class Evidence:
 
 
 def _regular(covariance: np.ndarray) -> np.ndarray:
-    """A covariance whose correlations have eigenvalues from `ROUNDING` on."""
+    """A covariance whose correlations have eigenvalues from `ROUNDING` on; with the set-up it is definite to that."""
     std = np.sqrt(np.diag(covariance))
     values, axes = np.linalg.eigh(covariance / np.outer(std, std))
     return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))

@@ -259,7 +259,8 @@ class Closure:
         x = np.concatenate([np.zeros((DRAWN, 0)), *(drawn[joint] for joint in self.independent)], axis=1)
         q = self._continued(x)[0]
         each = (replace(self, constraints=(row,)).rows(q)[1] for row in self.constraints)
-        return [int(np.linalg.matrix_rank(J, rtol=FULL).max()) for J in each]
+        singular = (np.linalg.svd(J, compute_uv=False) for J in each)
+        return [int((x > FULL * x[:, :1]).sum(axis=1).max()) for x in singular]
 
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""

@@ -67,8 +67,6 @@ def about_origins(
         for key in (force, torque):
             measured = ~np.isnan(out[key]).all(axis=0)
             out[key] = np.where(quiet[:, None] & measured, 0.0, out[key])
-        if exact:
-            notes.append(f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N are no noise.")
         if size[quiet].any():
             unused = "" if plate.point is None else ", nor is its point of application used"
             largest, rms = max(threshold, size[quiet].max()), np.sqrt(np.mean(size[quiet] ** 2))
@@ -76,6 +74,8 @@ def about_origins(
                 f"The wrench '{name}' counts as nothing in {quiet.sum()} of {len(quiet)} samples, whose force is at "
                 f"most {largest:.3g} N, {rms:.2g} N root mean square{unused}."
             )
+        elif exact:
+            notes.append(f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N are no noise.")
     return out
 
 
@@ -88,7 +88,7 @@ def _fades(size: np.ndarray) -> bool:
 def _left_out(point: np.ndarray) -> np.ndarray:
     """Mask of the samples whose point of application is missing or zero, as files have it where there is none (N,)."""
     point = point[:, ~np.isnan(point).all(axis=0)]
-    return np.isnan(point).any(axis=1) | (point == 0).all(axis=1)
+    return np.isnan(point).any(axis=1) | (point == 0).all(axis=1) & (point.shape[1] > 0)
 
 
 def _moment(

@@ -1,6 +1,7 @@
 """Help texts of the commands, and who computes the pieces of an estimate."""
 
 import argparse
+import gc
 import os
 import subprocess
 import sys
@@ -36,6 +37,17 @@ def python(*arguments, **environment):
 
 def test_help_imports_nothing_that_computes():
     assert python("-c", HELP) == "\n"
+
+
+def test_garbage_is_collected_as_before_where_python_calls_a_command():
+    before = gc.get_threshold()
+    gc.set_threshold(700)
+    try:
+        with pytest.raises(SystemExit):
+            main(["no"])
+        assert gc.get_threshold()[0] == 700
+    finally:
+        gc.set_threshold(*before)
 
 
 def test_every_file_on_top_is_a_command():

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
+from jinja2 import DictLoader, Environment
 
 import scenes
 import sim
 from experiments import excite, mechanism
+from experiments.document.writer import _Compiled
 from experiments.runs.workers import Checkpoint
 from ident.recordings.recording import Recording
 
@@ -83,3 +85,14 @@ def test_commands_end_in_a_sentence_and_go_through_once_there_is_room(tmp_path, 
     with limited(4000):
         refusal(study.main, options, capsys)
     assert contents(tmp_path) == before
+
+
+def test_a_compiled_template_that_was_cut_off_is_compiled_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    loader = DictLoader({"a": "{{ 1 + 1 }}"})
+    for cut in (60, 0, None):
+        kept = _Compiled(str(tmp_path), "%s.jinja")
+        assert Environment(bytecode_cache=kept, loader=loader, autoescape=True).get_template("a").render() == "2"
+        (path,) = tmp_path.glob("*.jinja")
+        whole = path.read_bytes()
+        path.write_bytes(whole[:cut])

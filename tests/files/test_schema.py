@@ -4,6 +4,7 @@ import os
 import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import date
 from time import process_time
 from typing import Annotated, Any
 
@@ -90,6 +91,7 @@ def test_entries_become_what_the_annotations_say():
         ({"wheels": {"radius": 1}}, "cart.wheels needs a list of tables, got {'radius': 1}."),
         ({"wheels": [{"radius": 0}]}, "cart.wheels 1.radius needs a number above 0, got 0."),
         ({"wheels": [{"radius": 1e9}]}, "cart.wheels 1.radius needs a number above 0, got 1000000000.0; numbers have"),
+        ({"wheels": [{"radius": date(2026, 1, 2)}]}, "cart.wheels 1.radius needs a number above 0, got "),
         ({"wheels": [{"radius": 11}]}, "[cart.wheels 1] needs a smaller radius."),
         ({"wheels": [{"radius": 1, "place": [1, 2]}]}, "cart.wheels 1.place needs a list of 3 numbers, got [1, 2]."),
     ],

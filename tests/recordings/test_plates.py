@@ -242,6 +242,20 @@ def test_small_forces_count_where_the_recording_has_no_noise(tmp_path, unloaded,
     log, mapping = written(tmp_path, [(columns, text)])
     recording = ident.read_log(log, walker.mechanism(), mapping)
     np.testing.assert_array_equal(recording.as_measured("right_force").values[300:306, 2] > 0, left)
+    some, every = (sum(words in note for note in recording.notes) for words in ("counts as nothing", "All forces of"))
+    assert some == (not left) and every == (left and not stated)
+
+
+def test_small_forces_count_at_a_point_that_is_stated(tmp_path):
+    columns, count = stepping()[0], len(stepping()[0]["right_T"])
+    columns |= named(
+        "right", "F", np.outer(np.append(10.0 ** -np.linspace(-1, 4, 300), np.full(count - 300, 700)), [0, 0, 1])
+    )
+    text = of_stepping('on = "foot_r"').replace("threshold = 40", "").partition("[wrenches.left]")[0]
+    text = text.replace(f"point = {listed('right', 'p')}", "point = [0.1, 0.2, 0.0]")
+    log, mapping = written(tmp_path, [(columns, text)])
+    recording = ident.read_log(log, walker.mechanism(), mapping)
+    assert (recording.as_measured("right_force").values[:300, 2] > 0).all()
 
 
 def test_moments_without_forces_count_whatever_the_threshold(tmp_path):

@@ -80,8 +80,8 @@ class TrajectoryFit:
         trace: Largest step of θ of every round, in standard deviations.
         status: `converged`; `near` convergence, for results that only decide; `stopped` after the largest number of
             rounds; `stuck` if no step lowers the cost; or `interrupted`.
-        scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
-            model, which is its precision.
+        scatters: Covariance of every piece's right side under the estimated noise, and then of what repeats in several
+            recordings (p, p); None for that of the working model, which is its precision.
         bounded: Mask of the parameters at a bound (p,), None for none.
     """
 
@@ -140,7 +140,7 @@ class TrajectoryFit:
 
     @property
     def scatter_shares(self) -> Sequence[np.ndarray]:
-        """Covariance of every piece's right side, by default of the working model (p, p) each."""
+        """Covariance of every piece's right side, and more, by default of the working model (p, p) each."""
         return [schur for schur, _ in self.shares] if self.scatters is None else self.scatters
 
     @cached_property

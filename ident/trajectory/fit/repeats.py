@@ -123,14 +123,19 @@ def period(pieces: Sequence[Piece], noise: np.ndarray) -> float:
         noise: Standard deviations of the coordinates (n,).
     """
     step, D = _differences([piece.time for piece in pieces], pieces, noise)
+    worst = D.max(axis=1)
     D = D[: len(D) // 2]
-    same, between = D.max(axis=1) < SAME, D.mean(axis=1)
+    same, between = worst[: len(D)] < SAME, D.mean(axis=1)
     same &= np.logical_or.accumulate((between > OTHER) & (between < np.inf))
     if not same.any():
         return np.inf
     first = int(np.argmax(same))
     run = first + int(np.argmin(np.append(same[first:], False)))
-    return step * (first + int(np.argmin(D.max(axis=1)[first:run])))
+    # The last of many periods is out of phase unless the period is known to a small part of a step.
+    lag, number = first + int(np.argmin(worst[first:run])), 1
+    while 2 * lag + 1 < len(worst) and (around := worst[2 * lag - 1 : 2 * lag + 2]).min() < SAME:
+        lag, number = 2 * lag - 1 + int(np.argmin(around)), 2 * number
+    return step * lag / number
 
 
 def lateness(first: Sequence[Piece], other: Sequence[Piece], noise: np.ndarray, longest: float) -> float:

@@ -13,6 +13,7 @@ Working weights with such a covariance are those of generalised estimating equat
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,13 @@ from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
+
+LITTLE = 0.01
+"""Correlation up to which rows are taken as alike in all periods, without sums: chance makes that of 10,000 samples,
+and sums of long recordings take much memory."""
+
+ALL = -1
+"""Index of what repeats in all recordings of a motion, beside those of recordings."""
 
 
 def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
@@ -46,8 +54,9 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         scatter, again = here.scatter_of_motion, of_log[fit.pieces[k].log]
         motion = again.motion
         first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
-        # A share of the pieces has few partners one period later: its rows are taken as alike in all periods.
-        alone = 1 - motion.correlation[0] if every else motion.factor
+        # A share of the pieces has few partners one period later: its rows, too, are taken as alike in all periods.
+        summed = every & (motion.correlation[0] > LITTLE)
+        alone = np.where(summed, 1 - motion.correlation[0], motion.factor)
         for which, stream in enumerate(here.streams):
             for some, rows in here.blocks(which):
                 pulls = stream.weights(rows, some)
@@ -59,7 +68,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
                 for at, s in enumerate(range(len(stream.std))[some]):
                     signal = which, s, first[which] + s
                     halves[:, at] = alone[signal[2]] * _half(pulls[:, at], colours, which, s, stream.step, tails)
-                    if every and motion.correlation[0, signal[2]]:
+                    if summed[signal[2]]:
                         again.add(signal, fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
@@ -67,10 +76,12 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
     for again in repeated if every else ():
-        mine = [k for k, piece in enumerate(fit.pieces) if piece.log in again.motion.starts]
-        total, samples = again.scatter(colours), sum(len(fit.pieces[k].when) for k in mine)
-        for k in mine:
-            scatters[k] += len(fit.pieces[k].when) / samples * total
+        across, within = again.scatters(colours)
+        for log, total in within.items():
+            mine = [k for k, piece in enumerate(fit.pieces) if piece.log == log]
+            for k in mine:
+                scatters[k] += len(fit.pieces[k].when) / sum(len(fit.pieces[k].when) for k in mine) * total
+        scatters.append(across)
     of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
     return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
 
@@ -86,8 +97,8 @@ class _Repeated:
         self.motion = motion
         pieces = [piece for piece in fit.pieces if piece.log in motion.starts]
         times = zip(*((piece.time, piece.when) for piece in pieces), strict=True)
-        # Time between samples of coordinates and of channels, in the slowest recording.
-        self._steps = [max(float(np.median(np.diff(x))) for x in own) for own in times]
+        # Time between samples of coordinates and of channels, in the slowest recording; clocks may nearly coincide.
+        self._steps = [max(max(np.median(np.diff(x)), np.ptp(x) / len(x) / 2) for x in own) for own in times]
         self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
         self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int, int], dict[int, np.ndarray]](dict)
 
@@ -105,33 +116,35 @@ class _Repeated:
         if log not in sums:
             # Of recordings at several rates the slowest may be slower than the motion.
             sums[log] = np.zeros((max(round(self.motion.lag / step), 1), self._columns))
-        phases = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
-        np.add.at(sums[log], (phases.astype(int)[:, None] % len(sums[log]), columns), rows)
+        places = np.round((start - self._first) / step) + np.round((time - time[0]) / step)
+        # Half steps, too, round one way: a period need not be a number of steps.
+        phases = (places % (self.motion.lag / step) + 0.500001).astype(int)
+        np.add.at(sums[log], (phases[:, None] % len(sums[log]), columns), rows)
 
-    def scatter(self, colours: NoiseColours) -> np.ndarray:
-        """Covariance of the right side of θ due to what repeats (p, p)."""
-        out = np.zeros((self._columns, self._columns))
+    def scatters(self, colours: NoiseColours) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Covariance of the right side of θ due to what repeats in all recordings, and in each alone (p, p)."""
+        out = defaultdict[int, np.ndarray](partial(np.zeros, (self._columns, self._columns)))
         for (which, s, at), sums in self._sums.items():
             within, across = self.motion.correlation[:, at]
-            each = [(within - across, own) for own in sums.values()]
-            for size, own in [*each, (across, sum(sums.values(), start=np.zeros(self._columns)))]:
-                noise, tails = (colours, which, s, self._steps[which > 0]), _Tails()
-                if size and self.motion.period < np.inf:
-                    # Slow noise goes on from the end of a period to its beginning.
-                    _half(own, *noise, tails)
+            each = [(log, within - across, own) for log, own in sums.items()]
+            for log, size, own in [*each, (ALL, across, sum(sums.values(), start=np.zeros(self._columns)))]:
                 if size:
-                    products = size * own.T @ _half(own, *noise, tails)
-                    out += products + products.T
-        return out
+                    around, step = self.motion.period < np.inf, self._steps[which > 0]
+                    products = size * own.T @ _half(own, colours, which, s, step, _Tails(), around=around)
+                    out[log] += products + products.T
+        return out.pop(ALL, np.zeros((self._columns, self._columns))), out
 
 
 def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
-    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings (p, p)."""
+    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings, and of
+    what repeats in all recordings (p, p).
+    """
     samples, scatters = np.zeros(1 + max(piece.log for piece in pieces)), defaultdict[int, np.ndarray | float](float)
-    for piece, scatter in zip(fit.pieces, fit.scatter_shares, strict=True):
+    for piece, scatter in zip(fit.pieces, fit.scatter_shares, strict=False):
         samples[piece.log] += len(piece.when)
         scatters[piece.log] += scatter
-    return [len(piece.when) / samples[piece.log] * np.asarray(scatters[piece.log]) for piece in pieces]
+    each = [len(piece.when) / samples[piece.log] * np.asarray(scatters[piece.log]) for piece in pieces]
+    return [*each, *fit.scatter_shares[len(fit.pieces) :]]
 
 
 _Tails = dict[tuple[int, int, int], np.ndarray]
@@ -147,8 +160,13 @@ def _goes_on(fit: TrajectoryFit, k: int) -> bool:
     return bool(same and 0 < gap < 2 * usual)
 
 
-def _half(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
-    """`G y` for weighted rows y of θ (N, p), with `G + Gᵀ = Γ` relative to the noise variance of the fit."""
+def _half(
+    y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails, *, around: bool = False
+) -> np.ndarray:
+    """`G y` for weighted rows y of θ (N, p), with `G + Gᵀ = Γ` relative to the noise variance of the fit.
+
+    Periodic noise of the same variance goes around, from the end of y to its beginning.
+    """
     weight, weighted = 0.0, np.zeros_like(y)
     for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
         if not size:
@@ -159,6 +177,9 @@ def _half(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float,
         # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass; twice each sample with itself.
         rho = np.exp(-step / time)
         start = tails.get((which, s, b), np.zeros(y.shape[1]))
+        if around:
+            whole = rho ** len(y)
+            start, size = autoregressive(y, rho, start)[-1] / (1 - whole), size * (1 - whole) / (1 + whole)
         z = autoregressive(y, rho, start)
         tails[which, s, b] = z[-1]
         weight -= size

@@ -39,6 +39,19 @@ def test_period_of_a_motion(rng, multiples, expected, noise):
     assert period([piece], np.full(3, noise)) == pytest.approx(expected, abs=0.011)
 
 
+def test_the_last_of_many_periods_is_in_phase(rng):
+    """Also if a period is no number of samples."""
+    piece = motion(rng, 200.0, 1, 2, 3, step=0.02)
+    T = period([piece], np.zeros(3))
+    assert 60 * abs(T - 1 / 0.3) < 0.04
+    own = RepeatedMotion({0: 0.0}, T, np.inf, np.ones((2, 1)), np.ones(1))
+    piece.log, piece.when = 0, piece.time
+    sums = sandwich._Repeated(own, SimpleNamespace(pieces=[piece], theta=np.zeros(1)))
+    wave = np.sin(2 * np.pi * 1.5 * piece.time)[:, None]
+    sums.add((0, 0, 0), 0, piece.time, np.array([0]), wave)
+    assert 58 < sums._sums[0, 0, 0][0].max() < 61
+
+
 def test_a_motion_repeats_across_pieces_and_gaps(rng):
     whole = motion(rng, 30.0, 1, 2, 3)
     pieces = [SimpleNamespace(time=whole.time[k], states=whole.states[k]) for k in (slice(0, 900), slice(1100, 3000))]
@@ -95,6 +108,14 @@ def test_channels_that_are_slower_than_the_motion_tell_no_phases(rng, step, told
     t = step * np.arange(400)
     correlation, _, factor = repetition([t], [np.sin(np.pi * t + 0.3)[:, None]], of_period(2.0))
     assert (correlation > 0.5, factor > 1.5) == (told, told)
+
+
+def test_sums_of_clocks_that_nearly_coincide_are_no_longer_than_samples_need(rng):
+    t = np.sort(np.concatenate([0.02 * np.arange(500), 0.02 * np.arange(500) + 2e-6]))
+    piece = SimpleNamespace(time=t, when=t, log=0)
+    sums = sandwich._Repeated(of_period(2.0), SimpleNamespace(pieces=[piece], theta=np.zeros(1)))
+    sums.add((0, 0, 0), 0, t, np.array([0]), np.ones((1000, 1)))
+    assert len(sums._sums[0, 0, 0][0]) < 1000
 
 
 def fit_of(*pieces):

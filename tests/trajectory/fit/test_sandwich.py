@@ -19,10 +19,10 @@ COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
 
 
 def dense(y, sizes, around=np.inf):
-    """`yᵀ Γ y` with a dense Γ, of periodic noise also around its period."""
+    """`yᵀ Γ y` with a dense Γ, of periodic noise of the same variance also around its period."""
     apart = STEP * np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
     noise = sizes[0] * np.eye(len(y)) + sum(
-        size * sum(np.exp(-each / time) for each in (apart, around - apart, around + apart))
+        size * (np.exp(-apart / time) + np.exp((apart - around) / time)) / (1 + np.exp(-around / time))
         for size, time in zip(sizes[1:], TIMES[1:], strict=True)
     )
     return y.T @ noise @ y
