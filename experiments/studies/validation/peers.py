@@ -229,13 +229,15 @@ def figaroh(task: Given) -> Answer:
 
 def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> Answer:
     """nimblephysics: bodies and angles of a person on plates, in the steps of AddBiomechanics, without markers."""
-    if int(np.__version__.split(".")[0]) > 1:
-        raise InputError(
-            f"nimblephysics ends with a segmentation fault beside numpy {np.__version__}: run it in an environment of "
-            "its own with numpy 1.26, pip install multicontact[nimble]."
-        )
-    with library("nimble", "It"):
+    try:
+        if int(np.__version__.split(".")[0]) > 1:
+            raise ImportError
         made = import_module("nimblephysics").biomechanics
+    except ImportError:
+        raise InputError(
+            "It ends with a segmentation fault beside numpy 2, so it needs an environment of its own: "
+            'pip install -e ".[nimble]", without constraints.txt, brings it and numpy 1.26.'
+        ) from None
 
     skeleton = made.OpenSimParser.parseOsim(str(model), "", True).skeleton
     skeleton.setGravity([0.0, -9.81, 0.0])
