@@ -68,7 +68,10 @@ def about_origins(
             measured = ~np.isnan(out[key]).all(axis=0)
             out[key] = np.where(quiet[:, None] & measured, 0.0, out[key])
         if exact:
-            notes.append(f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N are no noise.")
+            notes.append(
+                f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N fade as in simulations, so "
+                f"they are no noise. 'threshold' = {THRESHOLD:g} leaves them out."
+            )
         if size[quiet].any():
             unused = "" if plate.point is None else ", nor is its point of application used"
             largest, rms = max(threshold, size[quiet].max()), np.sqrt(np.mean(size[quiet] ** 2))
