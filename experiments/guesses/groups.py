@@ -108,8 +108,8 @@ def _mount(group: ColumnGroup, belief: Belief) -> None:
     body, pose = belief.mechanism.site(group.name)
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
     group.entries["body"] = TableEntry(body, "the model has a site of that name on it")
-    group.entries["position"] = TableEntry(pose[:3, 3].round(9).tolist(), "of that site")
-    group.entries["rpy_deg"] = TableEntry((angles.round(7) + 0.0).tolist(), "of that site")
+    group.entries["position"] = TableEntry(pose[:3, 3].round(9).tolist(), "of the model's site of that name")
+    group.entries["rpy_deg"] = TableEntry((angles.round(7) + 0.0).tolist(), "of the model's site of that name")
 
 
 def _entries(belief: Belief, parts: Parts) -> dict[str, TableEntry]:

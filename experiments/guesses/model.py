@@ -127,7 +127,7 @@ class ComparedModel:
         """Unexplained shares of the forces, the moments and each joint torque that the belief has."""
         wrench, out = [predicted[c] for c in COMPONENTS], list[Left]()
         groups = [group for group in self.belief.groups.values() if not group.is_inner]
-        places = self.wrenches(states) if any(group.is_open for group in groups) else {}
+        places = self.wrenches(states) if any(g.is_open or "body" in g.entries for g in groups) else {}
         for key, basis, part in (("force", wrench[:3], wrench[:3]), ("torque", wrench, wrench[3:])):
             total = sum((self.level(g.entries[key].value) for g in groups if key in g.entries), np.zeros((1, 3)))
             if np.ptp(total, axis=0).any():

@@ -100,7 +100,7 @@ def peer_lines(study: Study) -> list[str]:
                 f"Beside {name}, the estimate predicts worse in {better} of {sum(len(own) for own, _ in run)} channels "
                 f"of {number_of(len(run), 'recording')}."
             )
-        out += [f"{name} is not compared with. {x}" for x in dict.fromkeys(x for _, x in pairs if isinstance(x, str))]
+        out += [f"No comparison with {name}. {x}" for x in dict.fromkeys(x for _, x in pairs if isinstance(x, str))]
     return out
 
 

@@ -269,13 +269,14 @@ def place_of(each: SetupParameter) -> Place:
 
 
 def sentence(each: SetupParameter, value: float, std: float, noise: float = inf) -> str:
-    """Error of the set-up and its size in one sentence, also from noise alone if that is far smaller."""
+    """Error of the set-up and its size in one sentence, also ± from noise alone if that is far smaller."""
     unit = each.row.unit
     size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
     if std > MOSTLY_SETUP * noise:
-        where += f", ± {rounded(noise * unit.factor, noise * unit.factor)[1]}{unit.shown} from noise alone"
+        alone = rounded(noise * unit.factor, noise * unit.factor)[1]
+        where += f", ± {alone}{unit.shown} if the rest of the set-up is right"
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 

@@ -320,7 +320,7 @@ class Closure:
         names = " ".join(each.name for each in self.constraints)
         return ModelError(
             f"Loops leave {', '.join(self.dependent)} no motion. Align their axes{self._off}, or leave a wrong "
-            f"constraint out with --ignore, of {names}."
+            f"constraint out with --ignore, one of: {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -75,7 +75,10 @@ def about_origins(
                 f"most {largest:.3g} N, {rms:.2g} N root mean square{unused}."
             )
         elif exact:
-            notes.append(f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N are no noise.")
+            notes.append(
+                f"All forces of the wrench '{name}' count: those of at most {THRESHOLD:g} N fade as in simulations, so "
+                f"they are no noise. 'threshold' = {THRESHOLD:g} leaves them out."
+            )
     return out
 
 

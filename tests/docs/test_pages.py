@@ -32,7 +32,7 @@ def blocks(language):
 
 EXPECTED = {
     "README.md": r"m1 \+ m2 \+ m3.*Usable.*: held-out residuals.*tool +not determined \(0\.8\d to 4\.\d+\)",
-    "identify.md": r"turned by 5\.\d+ ± 2\.\d+° about -z .*, ± 0\.00\d+° from .* a turn of all joint axes about z",
+    "identify.md": r"turned by 5\.\d+ ± 2\.\d+° about -z .*, ± 0\.00\d+° if the .* a turn of all joint axes about z",
     "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
     "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
     "tables_and_figures.md": r"60 samples of .*ground_force",

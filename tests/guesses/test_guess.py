@@ -92,16 +92,20 @@ def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
     assert sum("which no other unit explains" in note for note in belief.notes) == 2
 
 
-def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
+@pytest.mark.parametrize(("name", "factor"), [("A{} [deg]", DEG), ("joint{}_position", 1.0)])
+def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path, name, factor):
     robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
     log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
-    columns = {"time": log.time, **{f"A{k} [deg]": DEG * log[f"{j}_position"] for k, j in enumerate(wrist.JOINTS, 1)}}
+    columns = {name.format(k): factor * log[f"{joint}_position"] for k, joint in enumerate(wrist.JOINTS, 1)}
+    columns = {"time": log.time} | columns
     path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
     belief = believed(robot, [path])
     write_mapping(tmp_path / "guessed.toml", belief)
-    sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
+    read = ident.read_log(path, robot, tmp_path / "guessed.toml")
+    sensor = read.sensors["wrist"]
+    np.testing.assert_allclose(read["joint6_position"], log["joint6_position"], atol=1e-4)
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
-    assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
+    assert belief.groups["wrist"].is_inner and sensor.body == "tool" and sensor.applied_to_link and belief.open == []
 
 
 HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")

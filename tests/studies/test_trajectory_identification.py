@@ -79,7 +79,7 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words)
 def test_the_deviation_of_a_fault_includes_the_rest_of_the_set_up():
     """Gravity and sensor are both tilted: noise alone is 3.2 standard deviations away from the truth."""
     (error,) = estimated(1, gravity=2, turn=(0.5, 0, 0)).setup
-    words = "Gravity is tilted by 1.6 ± 1.8° about +x of the base frame, ± 0.14° from noise alone."
+    words = "Gravity is tilted by 1.6 ± 1.8° about +x of the base frame, ± 0.14° if the rest of the set-up is right."
     assert error.text.startswith(words)
     off = abs(error.value - np.radians(2))
     assert 3 * np.radians(0.14) < off < 2 * error.std

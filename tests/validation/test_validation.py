@@ -107,7 +107,7 @@ def test_other_software_stands_beside_the_estimate(result):
     beside = replace(result, validations={"arm": replace(each, peers=answers)})
     shown = report.lines(beside)
     assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recording." in shown
-    assert "absent is not compared with. It needs a thing." in shown
+    assert "No comparison with absent. It needs a thing." in shown
     rows = report.document(beside, {}).tables["table_peers"].rows
     assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
     assert rows[1][4:] == (1, 11.3, None) and rows[2][-1] == "It needs a thing."

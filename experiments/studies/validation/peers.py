@@ -15,7 +15,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -230,12 +229,16 @@ def figaroh(task: Given) -> Answer:
 
 def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> Answer:
     """nimblephysics: bodies and angles of a person on plates, in the steps of AddBiomechanics, without markers."""
-    if int(np.__version__.split(".")[0]) > 1 or find_spec("nimblephysics") is None:
+    try:
+        if int(np.__version__.split(".")[0]) > 1:
+            raise ImportError
+        made = import_module("nimblephysics").biomechanics
+    except ImportError:
         raise InputError(
-            "nimblephysics, which ends with a segmentation fault beside numpy 2, needs an environment of its own, made "
-            f'by pip install -e ".[nimble]"; here is numpy {np.__version__}.'
-        )
-    made = import_module("nimblephysics").biomechanics
+            "It ends with a segmentation fault beside numpy 2, so it needs an environment of its own: "
+            'pip install -e ".[nimble]", without constraints.txt, brings it and numpy 1.26.'
+        ) from None
+
     skeleton = made.OpenSimParser.parseOsim(str(model), "", True).skeleton
     skeleton.setGravity([0.0, -9.81, 0.0])
     sensors = estimate.prepared.recording.sensors.values()
