@@ -11,7 +11,7 @@ from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.late_start import BETTER
-from ident.trajectory.left_out import clearly_better, gains
+from ident.trajectory.left_out import clearly_better, costs, gains
 
 MOST_DEVIATIONS = 10
 """Largest number of parameters that are found by the search."""
@@ -127,7 +127,14 @@ def searched(
         likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
         likely[likely] = [clearly_better(each) for each in gains(loose, left[likely].tolist())]
         if not likely.any():
-            break
+            alike, tried = _tried_together(fitted, refit, groups, np.where(candidates, least, np.inf), threshold)
+            if not alike:
+                break
+            if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
+                return incredible()
+            fitted = tried
+            deviations += [Deviation(index, ()) for index in alike]
+            continue
         # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
         # and makes all candidates about equally significant.
         working = replace(loose, scatters=None)
@@ -140,7 +147,7 @@ def searched(
         alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
         index = int(left[best])
         own = beyond[beyond == index]
-        deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close), len(own) > 0)
+        deviation = Deviation(index, tuple(left[alike].tolist()), (*_together(working, groups, close),), len(own) > 0)
         try:
             tried = _fit_from(_loosened(fitted, own, gross), refit, index, fitted.theta[index] + values[best])
         except ExcitationError:
@@ -156,12 +163,34 @@ def searched(
 
 
 def _fit_from(
-    fit: TrajectoryFit, refit: Refit, at: int | Sequence[int], value: float, *, free: bool = True
+    fit: TrajectoryFit, refit: Refit, at: int | Sequence[int], value: float | np.ndarray, *, free: bool = True
 ) -> TrajectoryFit:
     """Fit that starts from another value of some parameters, by their indices, which are free or fixed."""
     own = np.isin(np.arange(len(fit.theta)), at)
     start = replace(fit.end, theta=np.where(own, value, fit.theta))
     return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
+
+
+def _tried_together(
+    fit: TrajectoryFit, refit: Refit, groups: Mapping[str, np.ndarray], least: np.ndarray, threshold: float
+) -> tuple[list[int], TrajectoryFit]:
+    """Parameters of a group, none of which explains anything alone, as tilts of parallel axes, and the fit with them.
+
+    They move by more than `least` (p,), and one of them by more than a number of standard deviations. Without such a
+    group there are none, and the fit is as it was.
+    """
+    held = costs(fit, fit.free)
+    for step in _together(fit, groups, PROMISING).values():
+        own = step != 0
+        if (np.abs(step) > least)[own].all() and clearly_better(held - costs(fit, fit.free | own)):
+            members = np.flatnonzero(own).tolist()
+            try:
+                tried = _fit_from(fit, refit, members, fit.theta + step)
+            except ExcitationError:
+                continue
+            if (np.abs(tried.theta) > threshold * np.sqrt(np.diag(tried.covariance)))[own].any():
+                return members, tried
+    return [], fit
 
 
 def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
@@ -195,10 +224,11 @@ def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
     return replace(search, fit=_fit_from(fit, refit, idle, 0.0, free=False), deviations=kept)
 
 
-def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
-    """Names of the groups without fitted parameters whose score exceeds `least`."""
+def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> dict[str, np.ndarray]:
+    """Steps (p,) of the groups without fitted parameters whose score exceeds `least`, by description."""
     open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
     if not open_:
-        return ()
+        return {}
     values, spread = fitted.scores(np.array(list(open_.values())))
-    return tuple(name for name, z in zip(open_, np.abs(values / spread), strict=True) if z > least)
+    steps = zip(open_, values, np.abs(values / spread), strict=True)
+    return {name: value * open_[name] for name, value, z in steps if z > least}
