@@ -129,7 +129,7 @@ def _difference(joint: TrajectoryEstimate, which: int) -> tuple[np.ndarray, np.n
     # The recording's right side is its own noise's, less what all noise has moved the estimate by. Of recordings alike,
     # what repeats in all of them cancels.
     moved = schur @ inverse_of_precision(fit.precision[each])
-    apart, others = np.eye(len(moved)) - moved, fit.scatter - sum(fit.scatter_shares[len(fit.pieces) :])
+    apart, others = np.eye(len(moved)) - moved, fit.scatter - sum(fit.scatter_shares[len(fit.shares) :])
     noise = apart @ scatter @ apart.T + moved @ (others[each] - scatter) @ moved.T
     return theta, embedded(inverse @ noise @ inverse, free)
 
