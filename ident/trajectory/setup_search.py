@@ -1,4 +1,5 @@
-"""Search for set-up errors and further friction: parameters are fitted one by one, the most significant first."""
+"""Search for set-up errors and further friction: parameters are fitted one by one, the most significant first, and
+those of a group at once where none of them explains anything alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -179,17 +180,17 @@ def _tried_together(
     They move by more than `least` (p,), and one of them by more than a number of standard deviations. Without such a
     group there are none, and the fit is as it was.
     """
-    held = costs(fit, fit.free)
     for step in _together(fit, groups, PROMISING).values():
         own = step != 0
-        if (np.abs(step) > least)[own].all() and clearly_better(held - costs(fit, fit.free | own)):
-            members = np.flatnonzero(own).tolist()
-            try:
-                tried = _fit_from(fit, refit, members, fit.theta + step)
-            except ExcitationError:
-                continue
-            if (np.abs(tried.theta) > threshold * np.sqrt(np.diag(tried.covariance)))[own].any():
-                return members, tried
+        if (np.abs(step) <= least)[own].any() or not clearly_better(costs(fit, fit.free) - costs(fit, fit.free | own)):
+            continue
+        members = np.flatnonzero(own).tolist()
+        try:
+            tried = _fit_from(fit, refit, members, fit.theta + step)
+        except ExcitationError:
+            continue
+        if (np.abs(tried.theta) > threshold * np.sqrt(np.diag(tried.covariance)))[own].any():
+            return members, tried
     return [], fit
 
 
