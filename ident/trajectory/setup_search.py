@@ -128,13 +128,13 @@ def searched(
         likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
         likely[likely] = [clearly_better(each) for each in gains(loose, left[likely].tolist())]
         if not likely.any():
-            alike, tried = _tried_together(fitted, refit, groups, np.where(candidates, least, np.inf), threshold)
-            if not alike:
+            members, tried = _tried_together(fitted, refit, groups, np.where(candidates, least, np.inf), threshold)
+            if not members:
                 break
             if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
                 return incredible()
             fitted = tried
-            deviations += [Deviation(index, ()) for index in alike]
+            deviations += [Deviation(member, ()) for member in members]
             continue
         # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
         # and makes all candidates about equally significant.
