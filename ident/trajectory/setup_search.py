@@ -1,5 +1,4 @@
-"""Search for set-up errors and further friction: parameters are fitted one by one, the most significant first, and
-those of a group at once where none of them explains anything alone."""
+"""Search for set-up errors and further friction, one by one, and for those of a group that explain nothing alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
