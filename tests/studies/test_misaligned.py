@@ -183,10 +183,9 @@ def test_tilts_are_found_within_their_intervals(results, study):
     assert study.axis_error(study.estimated_axes("searched")).max() < np.radians(0.05)
 
 
-@pytest.mark.parametrize("noise_scale", [0.3, 0.03])
-def test_tilts_that_explain_nothing_alone_are_found_together(noise_scale):
+def test_tilts_that_explain_nothing_alone_are_found_together():
     """With little noise neither axis turns much about z while the other one does not."""
-    study = packaged_study("misaligned", noise_scale=noise_scale)
+    study = packaged_study("misaligned", noise_scale=0.03)
     assert study.axis_error(study.estimated_axes("searched")).max() < np.radians(0.02)
     searched = study.trajectory("searched")
     assert (abs(searched.error) < 3 * searched.std).all()
