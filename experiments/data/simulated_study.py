@@ -242,7 +242,8 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
             f"largest_error{suffix}": float(np.abs(fit.error).max()),
         }
         if file.models[name].axes == SEARCHED:
-            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in axis_errors(study, name).items()}
+            errors = axis_errors(study, study.estimated_axes(name))
+            numbers |= {f"{key}{suffix or '_searched'}": x for key, x in errors.items()}
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
@@ -254,9 +255,9 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
 
 
-def axis_errors(study: SimulatedStudy, model: str) -> dict[str, float]:
-    """Largest error of a model's estimated axes and largest standard deviation, deg; empty without an estimate."""
-    if (axes := study.estimated_axes(model)) is None:
+def axis_errors(study: SimulatedStudy, axes: RecoveredAxes | None) -> dict[str, float]:
+    """Largest error of estimated axes and largest standard deviation, deg; empty without an estimate."""
+    if axes is None:
         return {}
     largest = {"axis_error_deg": study.axis_error(axes).max(), "axis_std_deg": max(axis.std for axis in axes.axes)}
     return {name: float(np.degrees(x)) for name, x in largest.items()}
@@ -270,8 +271,7 @@ def axes(study: SimulatedStudy) -> dict[str, float]:
     alone = [axis.vector for axis in recovered.separate]
     return {
         "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, drawn))),
-        "axis_error_deg": float(np.degrees(study.axis_error(recovered).max())),
-        "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
+        **axis_errors(study, recovered),
         "axis_difference_alone_deg": float(np.degrees(max([0.0, *(angle(alone[0], other) for other in alone[1:])]))),
         "rank_axes_apart": study.rank_apart,
         "axes_parallel_p_value": float(np.nanmin(recovered.p_values)) if len(alone) > 1 else 1.0,

@@ -184,7 +184,7 @@ class _Compiled(FileSystemBytecodeCache):
 
     def load_bytecode(self, bucket: Bucket) -> None:
         """Reads a compiled template, if it is whole."""
-        with suppress(OSError, UnpicklingError):
+        with suppress(OSError, EOFError, UnpicklingError):
             super().load_bytecode(bucket)
 
     def dump_bytecode(self, bucket: Bucket) -> None:

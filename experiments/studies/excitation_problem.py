@@ -228,7 +228,7 @@ def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence
     # Motions are not designed for drives of joints that loops move.
     names = tuple(name for name in names if column_place(name)[1] in channels)
     equations = Equations(mechanism, parameters, torques=felt, channels=channels, drives=names)
-    motion = _random_motion(mechanism)
+    motion = random_motion(mechanism)
     return separable(equations, Samples(motion, np.zeros((INSTANTS, len(channels))))).drives
 
 
@@ -265,7 +265,7 @@ def drives_pulled_back(
 
 def drive_deviations(mechanism: Mechanism, drives: Sequence[str]) -> np.ndarray:
     """Prior standard deviations of drives: those of the model's values, else of usual ones (d,)."""
-    motion = _random_motion(mechanism)
+    motion = random_motion(mechanism)
     torques = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity) @ mechanism.known
     size, per = USUAL * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
     usual = np.array([size[k] / per.get(kind, 1.0) for kind, k in _places(mechanism, drives)])
@@ -279,7 +279,8 @@ def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]
     return [(kind, freedoms.index(freedom)) for kind, freedom in map(column_place, drives)]
 
 
-def _random_motion(mechanism: Mechanism) -> Motion:
+def random_motion(mechanism: Mechanism) -> Motion:
+    """Random states at which columns are compared, with loops closed."""
     rng, tree = np.random.default_rng(0), mechanism.tree
     q, dq, ddq = rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms)))
     closed = tree.closure.drawn(rng, INSTANTS) if tree.closure else {}

@@ -53,7 +53,7 @@ LEAST_SINGULAR = 1e-3
 MOVED = 0.5
 """Standard deviation over the prior one, below which a combination counts as determined."""
 
-ROUNDING = 1e-10
+DISTINCT = 1e-10
 """Smallest variance over the prior one that is distinguishable from rounding."""
 
 
@@ -116,7 +116,7 @@ class PersonStudy:
         variances, directions = linalg.eigh(
             covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
         )
-        uncertain = variances > ROUNDING
+        uncertain = variances > DISTINCT
         std = np.sqrt(variances[uncertain])
         return std, directions[:, uncertain].T @ (self.estimate.psi - self.psi) / std
 

@@ -43,7 +43,7 @@ PROBE = 64
 FLOOR = 1e-7
 """Least distance of a column of P from the span of the others, relative to its size, whether excited or not."""
 
-ROUNDING = 1e-13
+DEPENDENT = 1e-13
 """Largest rounding error of a column that depends on those before it, relative to its size."""
 
 LAPACK_BLOCK = 32
@@ -291,7 +291,7 @@ def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:
         gram: Gram matrix in coordinates (k, k).
         factor: These coordinates, triangular (k, k).
     """
-    rounding = ROUNDING**2 * (factor * (gram @ factor)).sum(axis=0)
+    rounding = DEPENDENT**2 * (factor * (gram @ factor)).sum(axis=0)
     shown = gram + np.diag(np.where(rounding > 0, rounding, 1))
     triangle, failed = lapack.dpotrf(shown)
     return not failed and bool((triangle.diagonal() ** 2 > TOO_CLOSE * shown.diagonal()).all())

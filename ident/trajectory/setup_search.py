@@ -147,7 +147,9 @@ def searched(
         alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
         index = int(left[best])
         own = beyond[beyond == index]
-        deviation = Deviation(index, tuple(left[alike].tolist()), (*_together(working, groups, close),), len(own) > 0)
+        deviation = Deviation(
+            index, tuple(left[alike].tolist()), tuple(_together(working, groups, close)), len(own) > 0
+        )
         try:
             tried = _fit_from(_loosened(fitted, own, gross), refit, index, fitted.theta[index] + values[best])
         except ExcitationError:

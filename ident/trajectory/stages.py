@@ -71,7 +71,7 @@ by then. A person who bows gains in the end, from an increase of .22 while θ mo
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
-KNOTS_PER_SAMPLE, ROUNDING = 2.0, 1e-6
+KNOTS_PER_SAMPLE, SLACK = 2.0, 1e-6
 """Least number of samples per knot, and relative tolerance of that limit."""
 
 ROUGHER = 1e3
@@ -381,7 +381,7 @@ class Stages:
         half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
         between = [float(np.median(np.diff(piece.when))) for piece in pieces]
         pairs = zip((estimate.steps[piece.log] for piece in pieces), between, strict=True)
-        step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + ROUNDING)), default=0.0)
+        step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + SLACK)), default=0.0)
         for at, each in self.setup.items():
             if each.row.shift is not None:
                 out[at] = UNFOLLOWED * step / abs(each.row.shift(half))

@@ -114,7 +114,7 @@ def test_a_run_that_ends_early_goes_on_with_what_is_left(folder, capsys, monkeyp
             unsaved()
 
     def ended(*options, code=2, **patches):
-        """What is shown by a run with other functions."""
+        """Error output of a run with other functions, which ends with a code."""
         with monkeypatch.context() as patched:
             for name, replaced in patches.items():
                 patched.setattr(batch if name == "outcome_of" else identify, name, replaced)

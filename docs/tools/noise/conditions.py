@@ -11,7 +11,7 @@ import numpy as np
 import scenes
 from experiments.data import paper
 from experiments.data.paper import SCENE
-from experiments.studies.excitation_problem import INSTANTS
+from experiments.studies.excitation_problem import random_motion
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
@@ -279,8 +279,7 @@ def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) ->
 
 def _columns(equations: Equations) -> np.ndarray:
     """Columns at random states, channel by channel (C N, columns)."""
-    rng, tree = np.random.default_rng(0), equations.mechanism.tree
-    motion = Motion(*rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms))))
-    samples = Samples(motion, np.zeros((INSTANTS, len(equations.channels))))
+    motion = random_motion(equations.mechanism)
+    samples = Samples(motion, np.zeros((len(motion.q), len(equations.channels))))
     blocks = [block[:-1].reshape(len(block) - 1, -1).T.copy() for block in equations.rows(samples)]
     return np.concatenate(blocks)

@@ -78,9 +78,9 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
     for again in repeated if every else ():
         across, within = again.scatters(colours)
         for log, total in within.items():
-            mine = [k for k, piece in enumerate(fit.pieces) if piece.log == log]
-            for k in mine:
-                scatters[k] += len(fit.pieces[k].when) / sum(len(fit.pieces[k].when) for k in mine) * total
+            samples = {k: len(piece.when) for k, piece in enumerate(fit.pieces) if piece.log == log}
+            for k, number in samples.items():
+                scatters[k] += number / sum(samples.values()) * total
         scatters.append(across)
     of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
     return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
@@ -136,9 +136,7 @@ class _Repeated:
 
 
 def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
-    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings, and of
-    what repeats in all recordings (p, p).
-    """
+    """Covariance of each piece's right side from a fit of other pieces of the recordings, then what repeats (p, p)."""
     samples, scatters = np.zeros(1 + max(piece.log for piece in pieces)), defaultdict[int, np.ndarray | float](float)
     for piece, scatter in zip(fit.pieces, fit.scatter_shares, strict=False):
         samples[piece.log] += len(piece.when)
