@@ -1,6 +1,5 @@
 """Base parameters against ranks and regressors, and their elimination against the plain way."""
 
-import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,17 +18,15 @@ from mechanisms import (
 )
 from random_models import random_model
 from scipy import linalg
-from test_against_opensymoro import DATA, tree_of
 
 from experiments.data import paper
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
-from ident.parameters import base_parameters, independent_columns
+from ident.parameters import independent_columns
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.independent_columns import DEPENDENT
-from ident.parameters.structure import Sensors
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
@@ -145,54 +142,6 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     for given in ({"kept": 3}, {"kept": [1]}, {"kept": np.ones(2)}, {"parameters": 3}):
         with pytest.raises(InputError, match=f"{next(iter(given))} needs a list of names of parameters, got"):
             find_base_parameters(Y, **{"parameters": "pqr", **given})
-
-
-SENSORS = (
-    Sensors(),
-    Sensors(False, True),
-    Sensors(True, True),
-    Sensors(moving_base=True),
-    Sensors(False, True, True),
-    Sensors(channels=np.eye(6)[[0, 1, 5]]),
-    Sensors(channels=np.eye(6)[[2]], moving_base=True),
-)
-
-
-def both_ways(monkeypatch, tree, gravity, sensors):
-    """Regroupings along the tree and by the whole matrix; None if no parameter has an effect."""
-    out = []
-    for large in (1, np.inf):
-        monkeypatch.setattr(base_parameters, "LARGE", large)
-        try:
-            out.append(find_base_parameters(tree, gravity=gravity, sensors=sensors))
-        except InputError as error:
-            assert "see no parameter" in str(error)
-            out.append(None)
-    return out
-
-
-def check_equal(along, whole):
-    if whole is None:
-        assert along is None
-        return
-    assert (along.kept, along.dependent, along.passed_over) == (whole.kept, whole.dependent, whole.passed_over)
-    np.testing.assert_allclose(along.beta, whole.beta, rtol=0, atol=1e-9 * max(1, abs(whole.beta).max(initial=0)))
-    assert not (along.beta[whole.beta == 0]).any()
-    assert along.gap[0] == pytest.approx(whole.gap[0], rel=1e-8)
-    assert along.gap[1] < 1e-12
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
-    _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
-    check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
-
-
-def test_coefficients_along_the_tree_are_zero_where_they_are_rounding_errors(monkeypatch):
-    """As of robots whose axes are at right angles to rounding."""
-    for path in DATA:
-        golden = json.loads(path.read_text(encoding="utf-8"))
-        check_equal(*both_ways(monkeypatch, tree_of(golden), np.array(golden["gravity"]), Sensors()))
 
 
 def plainly_exchanged(order, made, largest):
