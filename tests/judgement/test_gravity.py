@@ -41,10 +41,6 @@ def recorded(rpy=(0, 0, 0), speed=1.0, seed=1):
     return t, motion, *(dict(zip(names, x.T, strict=True)) for names, x in named)
 
 
-def opposite(measured):
-    return {name: -x for name, x in measured.items()}
-
-
 @pytest.mark.parametrize("rpy", MOUNTS)
 def test_the_direction_is_that_of_the_base_from_torques_and_from_a_wrench(rpy):
     _, motion, torques, wrench = recorded(rpy)
@@ -77,7 +73,7 @@ def test_what_only_looks_like_it_is_none():
     model, base = with_other_bodies(np.random.default_rng(2)), list(COMPONENTS)
     turned = {name: wrench[base[(k + 1) % 3 + 3 * (k // 3)]] for k, name in enumerate(base)}
     for measured in (
-        opposite(wrench),
+        {name: -x for name, x in wrench.items()},
         turned,
         {name: x - x[0] for name, x in wrench.items()},
         torques | {"lift": -torques["lift"]},
@@ -91,8 +87,7 @@ def test_what_only_looks_like_it_is_none():
 def log_of(rpy, seed=1):
     """A log of the torques of the arm on a base mounted so."""
     t, motion, torques, _ = recorded(rpy, seed=seed)
-    torques = {f"{joint}_torque": x for joint, x in torques.items()}
-    return {"time": t, **by_joint(ARM.tree.joints, position=motion.q), **torques}
+    return {"time": t, **by_joint(ARM.tree.joints, position=motion.q, torque=np.stack([*torques.values()], axis=1))}
 
 
 def test_the_first_finding_says_what_to_write_and_with_it_the_estimate_is_usable():
@@ -101,12 +96,9 @@ def test_the_first_finding_says_what_to_write_and_with_it_the_estimate_is_usable
     findings = ident.identify(model, log, estimator="weighted", cutoff="auto").findings
     assert findings[0].code == "gravity_direction" and "rpy_deg = [180, 0, 0]" in findings[0].text
     assert not {"torque_sign", "torque_scale", "body_not_carried"} & {finding.code for finding in findings}
-    for right in (
-        ident.identify(model, log, columns=columns, estimator="weighted", cutoff="auto"),
-        ident.identify(model.mounted((180, 0, 0)), log),
-    ):
-        assert right.verdict().usable and np.allclose(right.prepared.mechanism.gravity, [0, 0, 9.81])
-        assert any("[180, 0, 0]" in note for note in right.prepared.notes)
+    right = ident.identify(model, log, columns=columns, estimator="weighted", cutoff="auto")
+    assert right.verdict().usable and np.allclose(right.prepared.mechanism.gravity, [0, 0, 9.81])
+    assert any("[180, 0, 0]" in note for note in right.prepared.notes)
 
 
 def test_the_orientation_is_stated_once(tmp_path):
