@@ -32,10 +32,11 @@ def written(folder, text, name="arm"):
     return path
 
 
-def files_of(folder, *names):
-    """Tables of files, with the hashes of those that a folder holds."""
+def files_of(folder):
+    """Tables of files that a folder holds, with their hashes."""
     return "\n".join(
-        FILE.format(name=name, sha256=hashlib.sha256((folder / name).read_bytes()).hexdigest()) for name in names
+        FILE.format(name=path.name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in sorted(folder.iterdir())
     )
 
 
