@@ -10,28 +10,23 @@ import ident
 import sim
 from ident.model.regressor import base_wrench_regressor
 
-MODEL = """
-<mujoco><option gravity="{gravity}"/><worldbody><body name="pelvis" pos="0 1 0">
-      <joint name="tx" type="slide" axis="1 0 0"/><joint name="ty" type="slide" axis="0 1 0"/>
-      <joint name="tilt" axis="0 0 1"/>
-      <geom type="ellipsoid" size="0.1 0.25 0.16" pos="0.02 0.2 0" density="1100"/>
-      <body name="thigh_r" pos="0 0 0.1"><joint name="hip_r" axis="0 0 1"/>
-        <geom type="capsule" fromto="0 0 0 0.02 -0.42 0" size="0.07"/>
-        <body name="foot_r" pos="0 -0.45 0"><joint name="knee_r" axis="{knee}"/>
-          <geom type="capsule" fromto="0 0 0 0 -0.42 0.01" size="0.05"/></body></body>
-      <body name="thigh_l" pos="0 0 -0.1"><joint name="hip_l" axis="0 0 1"/>
-        <geom type="capsule" fromto="0 0 0 0.02 -0.42 0" size="0.07"/>
-        <body name="foot_l" pos="0 -0.45 0"><joint name="knee_l" axis="0 0 -1"/>
-          <geom type="capsule" fromto="0 0 0 0 -0.42 -0.01" size="0.05"/></body></body>
-</body></worldbody></mujoco>
-"""
+LEG = """<body name="thigh_{side}" pos="0 0 {z}"><joint name="hip_{side}" axis="0 0 1"/>
+  <geom type="capsule" fromto="0 0 0 0.02 -0.42 0" size="0.07"/>
+  <body name="foot_{side}" pos="0 -0.45 0"><joint name="knee_{side}" axis="{knee}"/>
+    <geom type="capsule" fromto="0 0 0 0 -0.42 {foot}" size="0.05"/></body></body>"""
+MODEL = """<mujoco><option gravity="{gravity}"/><worldbody><body name="pelvis" pos="0 1 0">
+  <joint name="tx" type="slide" axis="1 0 0"/><joint name="ty" type="slide" axis="0 1 0"/>
+  <joint name="tilt" axis="0 0 1"/><geom type="ellipsoid" size="0.1 0.25 0.16" pos="0.02 0.2 0" density="1100"/>{legs}
+</body></worldbody></mujoco>"""
 SIDEWAYS = ("Fz", "Mx", "My")
 STANDS = {"right": "foot_r", "left": "foot_l"}
 
 
 def text(*, gravity="0 -9.81 0", knee="0 0 1"):
     """The model's file."""
-    return MODEL.format(gravity=gravity, knee=knee)
+    sides = ("r", 0.1, knee), ("l", -0.1, "0 0 -1")
+    legs = (LEG.format(side=side, z=z, foot=z / 10, knee=axis) for side, z, axis in sides)
+    return MODEL.format(gravity=gravity, legs="".join(legs))
 
 
 @cache

@@ -71,21 +71,13 @@ def test_ranks_and_regroupings_are_equal(golden, regressor, key, sensors):
 def sr400():
     """SR400 by OpenSYMORO's file: of six joints as an RX90's, with a parallelogram of the links 2, 3, 7 and 8."""
     half = np.pi / 2
-    geometry = {"alpha": [0, -half, 0, -half, half, -half, -half, 0], "d": [0, 4, 8, -2, 0, 0, 4, 10]}
-    geometry |= {"r": [0, 0, 0, 10, 0, 0, 0, 0]}
+    alpha, d = (0, -half, 0, -half, half, -half, -half, 0), (0, 4, 8, -2, 0, 0, 4, 10)
     # Of the opposite sides that stay parallel: q3 = q7 - q2 + 90°, q8 = q2 - q7.
     loop = {3: {"follows": {"2": -1.0, "7": 1.0}, "constant": half}, 8: {"follows": {"2": 1.0, "7": -1.0}}}
-    frames = [
-        Frame(
-            name=str(k + 1),
-            parent=str(before) if before else None,
-            kind="revolute",
-            inertia=True,
-            **{key: float(values[k]) for key, values in geometry.items()},
-            **loop.get(k + 1, {}),
-        )
-        for k, before in enumerate((0, 1, 2, 3, 4, 5, 1, 7))
-    ]
+    frames = [Frame("1", None, "revolute", inertia=True)]
+    for k, before in zip(range(2, 9), "1234517", strict=True):
+        place = {"alpha": float(alpha[k - 1]), "d": float(d[k - 1]), "r": 10.0 * (k == 4)}
+        frames.append(Frame(str(k), before, "revolute", inertia=True, **place, **loop.get(k, {})))
     return tree_from_mdh(frames)
 
 

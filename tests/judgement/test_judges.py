@@ -72,25 +72,23 @@ def test_residuals_over_signals_are_sorted_by_what_they_mean():
 
 
 @pytest.mark.parametrize(
-    "measured_on, distance, doubted", [("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)]
+    ("measured_on", "distance", "doubted"), [("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)]
 )
 def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distance, doubted):
-    recording, motion = SimpleNamespace(sensors={"tip": Sensor(measured_on)}), Motion(*np.zeros((3, 4, 2)))
-    evidence = SimpleNamespace(
-        checks=SimpleNamespace(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0)),
-        ratios=dict.fromkeys(range(6), 0.5),
-        mechanism=PENDULUM,
-        prepared=SimpleNamespace(recording=recording, samples=SimpleNamespace(motion=motion)),
-    )
+    recording = SimpleNamespace(sensors={"tip": Sensor(measured_on)})
+    samples = SimpleNamespace(motion=Motion(*np.zeros((3, 4, 2))))
+    evidence = of_checks(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0))
+    evidence.ratios, evidence.mechanism = dict.fromkeys(range(6), 0.5), PENDULUM
+    evidence.prepared = SimpleNamespace(recording=recording, samples=samples)
     assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
 
 
-@pytest.mark.parametrize("drift", [0.015, 0.025, -0.015, -0.025])
-def test_the_weight_may_not_drift_either_way(drift, monkeypatch):
+def test_the_weight_may_not_drift_either_way(monkeypatch):
     monkeypatch.setattr(mass_findings, "estimated_mass", lambda evidence: None)
-    findings = list(mass_findings.weight_findings(of_checks(weight=Weight(50, 50, 50 * drift))))
-    assert [finding.doubt for finding in findings] == [True] * (abs(drift) > 0.02)
-    assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in findings)
+    for drift in (0.015, 0.025, -0.015, -0.025):
+        findings = list(mass_findings.weight_findings(of_checks(weight=Weight(50, 50, 50 * drift))))
+        assert [finding.doubt for finding in findings] == [True] * (abs(drift) > 0.02)
+        assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in findings)
 
 
 @pytest.mark.parametrize("drift", [0.0, -0.1])
@@ -210,27 +208,26 @@ def test_what_adds_nothing_does_not_differ_by_rounding():
     assert LEAST_ADDED < 0.02
 
 
-@pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
-def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, doubts):
-    findings = list(halves_findings(SimpleNamespace(disagreement=None, disagreements=(0.5, z, 0.7), in_logs=())))
-    assert [finding.doubt for finding in findings] == doubts
-    values = {"logs": (2,), "rms_z": (z,), "best": ()}
-    assert all(each.code == "logs_disagree" and each.values == values for each in findings)
+def disagreeing(between=(), halves=None, logs=()):
+    """Findings on the disagreement of recordings, of halves, and on ratios in each log."""
+    result = SimpleNamespace(disagreement=halves, disagreements=between, in_logs=logs, channels=("Fx", "Fy"))
+    return [(each.code, each.doubt, each.values) for each in halves_findings(result)]
+
+
+def test_recordings_and_halves_disagree_from_two_deviations_and_recordings_are_a_doubt_from_four():
+    for z, doubt in ((2.2, False), (3.8, False), (4.2, True)):
+        values = {"logs": (2,), "rms_z": (z,), "best": ()}
+        assert disagreeing((0.5, z, 0.7)) == [("logs_disagree", doubt, values)]
+    assert disagreeing(halves=2.3) == [("halves_disagree", False, {"rms_z": 2.3})]
+    assert not disagreeing((0.5, 1.8, 0.7)) and not disagreeing(halves=1.9)
 
 
 @pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])
 def test_a_log_that_is_predicted_far_worse_than_others_is_a_doubt_however_bad_candidates_are(own, doubt):
     ratios = [(0.2, 0.4), (own, 1.0), (0.2, 0.4), (0.2, 0.4)]
     logs = [{"estimate": np.array([x, 0.2]), "least squares": np.array([other, 0.2])} for x, other in ratios]
-    result = SimpleNamespace(disagreement=None, disagreements=(0.5, 5.0, 0.5, 0.5), in_logs=logs, channels=("Fx", "Fy"))
-    (finding,) = halves_findings(result)
-    assert finding.doubt is doubt and finding.values["best"] == (() if doubt else (2,))
-
-
-def test_halves_that_differ_by_two_deviations_are_a_remark():
-    (finding,) = halves_findings(SimpleNamespace(disagreement=2.3, disagreements=(), in_logs=()))
-    assert not finding.doubt and finding.code == "halves_disagree" and finding.values == {"rms_z": 2.3}
-    assert not list(halves_findings(SimpleNamespace(disagreement=1.9, disagreements=(), in_logs=())))
+    ((_, doubted, values),) = disagreeing((0.5, 5.0, 0.5, 0.5), logs=logs)
+    assert doubted is doubt and values["best"] == (() if doubt else (2,))
 
 
 @pytest.mark.parametrize(
