@@ -47,7 +47,6 @@ NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states non
 
 @cache
 def mechanism(**drives):
-    """The arm as a model states it."""
     return sim.mechanism(mujoco.MjSpec.from_string(text(**drives)))
 
 

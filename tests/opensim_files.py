@@ -177,7 +177,6 @@ def every_kind(seed, version=4):
 
 
 def quietly_read(path):
-    """The mechanism of an OpenSim file, without its notes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
         return sim.mechanism(path)

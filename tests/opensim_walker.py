@@ -16,7 +16,6 @@ PLANAR = ("tx", "ty", "tilt", "hip", "knee")
 
 
 def markers():
-    """Name, body and position of four markers on each body."""
     rng = np.random.default_rng(3)
     return [(f"{body}{k}", body, rng.uniform(-0.15, 0.15, 3)) for body in PHI for k in range(4)]
 

@@ -26,7 +26,6 @@ FILE = '[[files]]\nname = "{name}"\npath = "data/{name}"\nsha256 = "{sha256}"\n'
 
 
 def written(folder, text, name="arm"):
-    """Path of an entry's file in a folder."""
     path = folder / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
     return path
@@ -41,7 +40,6 @@ def files_of(folder):
 
 
 def recorded(folder):
-    """Writes the arm's model and two logs into a folder."""
     folder.mkdir()
     (folder / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     for name, seed in (("one", 0), ("two", 1)):

@@ -23,7 +23,6 @@ STANDS = {"right": "foot_r", "left": "foot_l"}
 
 
 def text(*, gravity="0 -9.81 0", knee="0 0 1"):
-    """The model's file."""
     sides = ("r", 0.1, knee), ("l", -0.1, "0 0 -1")
     legs = (LEG.format(side=side, z=z, foot=z / 10, knee=axis) for side, z, axis in sides)
     return MODEL.format(gravity=gravity, legs="".join(legs))
@@ -36,7 +35,6 @@ def mechanism():
 
 
 def motion(samples, rate=100.0):
-    """Times, and q, q̇ and q̈ of all joints, sums of sines."""
     rng, time = np.random.default_rng(0), np.arange(samples) / rate
     sizes = np.array([0.15, 0.08, 0.3, 0.6, 0.6, 0.6, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (7, 3)), rng.uniform(0, 6, (7, 3))

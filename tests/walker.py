@@ -41,7 +41,6 @@ def mechanism(model=JOINTED):
 
 @cache
 def motion(samples=600, rate=100.0):
-    """Times, q, q̇ and q̈ of all joints, sums of sines."""
     rng, time = np.random.default_rng(0), np.arange(samples) / rate
     sizes = np.array([0.1, 0.1, 0.06, 0.3, 0.2, 0.2, 0.5, 0.4, 0.5, 0.4, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (11, 3)), rng.uniform(0, 6, (11, 3))
@@ -84,7 +83,6 @@ def wrenches():
 
 
 def columns():
-    """The log of the joints."""
     time, q, dq, ddq = motion()
     out = {"time": time}
     for k, joint in enumerate(mechanism().tree.joints):

@@ -85,7 +85,6 @@ def test_what_only_looks_like_it_is_none():
 
 
 def log_of(rpy, seed=1):
-    """A log of the torques of the arm on a base mounted so."""
     t, motion, torques, _ = recorded(rpy, seed=seed)
     return {"time": t, **by_joint(ARM.tree.joints, position=motion.q, torque=np.stack([*torques.values()], axis=1))}
 

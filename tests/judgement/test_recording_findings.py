@@ -24,7 +24,6 @@ EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
 def with_wrench(recording, change):
-    """The recording with a function of its wrench in its place."""
     return angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), change(wrench_of(recording)))
 
 
@@ -49,7 +48,6 @@ def quick(mechanism, recording, **options):
 
 @pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
 def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
-    """With fine and with coarse steps."""
     for seed in range(3):
         assert not prepared(PENDULUM, recorded(seed, speed=1, noise=1, **steps)).clipped
 

@@ -27,7 +27,6 @@ NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0
 
 @cache
 def arm():
-    """A seven-joint arm with a hand."""
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
@@ -116,7 +115,6 @@ def test_noise_is_not_taken_for_friction(rho, most):
 
 
 def axes(joints, **motors):
-    """Axes of joints, and of motors with their rows."""
     rows = np.array(list(motors.values()), float).reshape(-1, len(joints))
     return Axes(joints, tuple(motors), rows, (), np.zeros((0, len(joints))))
 

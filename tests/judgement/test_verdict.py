@@ -43,7 +43,6 @@ def test_a_wrong_model_s_residuals_do():
 
 @pytest.fixture(scope="module")
 def estimate():
-    """An estimate of a clean recording."""
     return ident.identify(PENDULUM, swung(3, seconds=8, size=1))
 
 

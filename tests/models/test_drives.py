@@ -151,7 +151,6 @@ def spring(name, on, kind="SpringGeneralizedForce", **numbers):
 
 
 def stop(degrees):
-    """A force at the ends of the hip's range."""
     limits = {"upper_limit": degrees, "lower_limit": -degrees}
     stiff = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
     return spring("stop", "hip", "CoordinateLimitForce", **limits, **stiff)

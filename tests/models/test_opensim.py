@@ -26,7 +26,6 @@ read = sim.mechanism
 
 @pytest.fixture
 def stated(written):
-    """A function that reads a file with this text."""
     return lambda text, **options: read(written("model.osim", text), **options)
 
 

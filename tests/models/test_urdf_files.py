@@ -129,7 +129,6 @@ INERTIA = '<inertia ixx="1e-4" iyy="2e-4" izz="2e-4" ixy="0" ixz="0" iyz="0"/>'
 
 
 def joint(name, mimic="", kind="revolute"):
-    """A link on the base, and its joint."""
     return (
         f'<link name="of_{name}"><inertial><origin xyz=".03 0 .01"/><mass value=".1"/>{INERTIA}</inertial></link>'
         f'<joint name="{name}" type="{kind}"><parent link="base"/><child link="of_{name}"/><axis xyz="0 0 1"/>'
@@ -139,7 +138,6 @@ def joint(name, mimic="", kind="revolute"):
 
 @pytest.fixture
 def read(written):
-    """Reads a file with joints."""
     link = f'<link name="base"><inertial><mass value="1"/>{INERTIA}</inertial></link>'
     return lambda *joints: mechanism(written("hand.urdf", f'<robot name="hand">{link}{"".join(joints)}</robot>'))
 

@@ -100,7 +100,6 @@ NUMBER = re.compile(r"\d\.?\d*(?:e-?\d+)?")
 
 
 def full_of(arm, seed=0):
-    """Bodies of a mechanism with intervals."""
     phi = random_phi(np.random.default_rng(seed), len(arm.bodies))
     base = find_base_parameters(arm)
     psi = base.regroup(phi)
@@ -116,7 +115,6 @@ def assert_short(text):
 
 
 def opensim(version):
-    """Text of a model of two bodies."""
     joints = [Joint("PinJoint", f"pin{k}", on, f"b{k}", [coordinate(f"q{k}")]) for k, on in enumerate(("ground", "b0"))]
     phi = random_phi(np.random.default_rng(2), 2).reshape(2, 10)
     return document(joints, dict(zip(("b0", "b1"), phi, strict=True)), version=version)

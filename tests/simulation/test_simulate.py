@@ -195,7 +195,6 @@ def commanded(lag=0, noise=1.0):
 
 
 def error(q, log):
-    """RMS error of simulated coordinates (n,)."""
     return np.sqrt(((q - log.of_joints(driven_arm.JOINTS, "position")) ** 2).mean(axis=0))
 
 

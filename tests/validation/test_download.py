@@ -173,7 +173,6 @@ def test_a_floating_model_is_clamped(tmp_path):
 
 
 def cdr(seconds, joints, *numbers):
-    """A `sensor_msgs/JointState` in CDR."""
     out = bytearray(struct.pack("<iI", int(seconds), round(1e9 * (seconds % 1))))
 
     def put(form, value):

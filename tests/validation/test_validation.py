@@ -53,7 +53,6 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(arm, tmp_path_factory):
-    """Study of the entry in this process."""
     data, entry = arm
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
@@ -79,7 +78,6 @@ def test_an_arm_is_identified_as_by_the_command(result):
 
 
 def read_again(result):
-    """The study from its numbers in JSON."""
     entries = {name: truth.entry for name, truth in result.truths.items()}
     entries |= {name: each.entry for name, each in result.validations.items()}
     return validation_study.study_of(json.loads(json.dumps(numbers(result))), entries)
