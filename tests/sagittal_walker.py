@@ -42,9 +42,9 @@ def motion(samples, rate=100.0):
     return time, *sines(time, size, w, phase)
 
 
-def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):
+def recording(samples=600, *, sway=1.0):
     """Readings of plates, with sway out of the plane, and of encoders; noise of 1 N, 0.3 N m, 2 mrad and 2 mm."""
-    person, rng, (time, q, dq, ddq) = mechanism(), np.random.default_rng(seed), motion(samples)
+    person, rng, (time, q, dq, ddq) = mechanism(), np.random.default_rng(0), motion(samples)
     total = base_wrench_regressor(person.tree, q, dq, ddq, gravity=person.gravity) @ person.known
     total[:, 2] += sway * (40 * np.sin(5 * time) + 60 * q[:, 3])
     total[:, 3] += sway * (60 * np.sin(4 * time + 1) - 50 * q[:, 4])
@@ -52,11 +52,9 @@ def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):
     right = np.clip(0.5 + 0.6 * np.sin(2.2 * time), 0.02, 0.98)[:, None]
     measured = {}
     for k, joint in enumerate(person.joints):
-        measured[f"{joint}_position"] = q[:, k] + (not exact) * noise * 0.002 * rng.normal(size=samples)
-        if exact:
-            measured |= {f"{joint}_velocity": dq[:, k], f"{joint}_acceleration": ddq[:, k]}
+        measured[f"{joint}_position"] = q[:, k] + 0.002 * rng.normal(size=samples)
     for name, share in (("right", right), ("left", 1 - right)):
-        values = share * total + noise * rng.normal(size=total.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
+        values = share * total + rng.normal(size=total.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
         measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
     sensors = {name: ident.Sensor(body, frame="world") for name, body in STANDS.items()}
     return ident.Recording(time, measured, sensors=sensors, held=False)

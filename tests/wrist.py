@@ -65,11 +65,11 @@ def read(text, seconds=20.0, rate=100.0, size=1.0):
     return inverse_dynamics(arm, *motion(seconds, rate, size=size)[1:])[1]
 
 
-def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2, 5, 0.1, -0.2, 0.05), sign=1, **faults):
+def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, sign=1, **faults):
     """Angles (0.3 mrad of noise) and the sensor (0.1 N, 5 mN m) with offsets, a `delay` in samples and `gains`."""
     rng, (t, q, *_) = np.random.default_rng(seed), motion(seconds, rate, size=size)
-    wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6))) + offset
-    wrench = wrench + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)
+    wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6)))
+    wrench = wrench + [3, -2, 5, 0.1, -0.2, 0.05] + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)
     q = q + 3e-4 * rng.normal(size=q.shape)
     late = faults.get("delay", 0)
     t, q, wrench = t[late:], q[late:], wrench[: len(wrench) - late]

@@ -30,13 +30,12 @@ def arm():
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
-def log(*, hand=True, load=1.0, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
-    """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
+def log(*, hand=True, load=1.0, friction=0.0, gains=1.0, off=1.0, seconds=20.0, rate=100.0):
+    """Angles and torques: the links' torques by MuJoCo times `off`, and friction."""
     heavier = HAND | {"mass": load * HAND["mass"], "inertia": tuple(load * x for x in HAND["inertia"])}
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier if hand else NO_HAND))
-    rng, (t, q, dq, ddq) = np.random.default_rng(seed), wrist.motion(seconds, rate)
+    rng, (t, q, dq, ddq) = np.random.default_rng(0), wrist.motion(seconds, rate)
     torque = off * inverse_dynamics(true, q, dq, ddq)[0] + friction * (0.6 * dq + 0.5 * np.sign(dq))
-    torque = torque + slow * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     torque = gains * torque + 0.03 * rng.normal(size=q.shape)
     q = q + 3e-4 * rng.normal(size=q.shape)
     return ident.Recording(t, by_joint(wrist.JOINTS, position=q, torque=torque))

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from commands import sentence_of
+from random_models import numbers
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
@@ -22,10 +23,6 @@ LINK = """<link name="l{i}"><inertial><mass value="{m!r}"/><origin xyz="{c}" rpy
 <inertia {entries}/></inertial></link>"""
 JOINT = """<joint name="j{i}" type="{kind}"><parent link="l{parent}"/><child link="l{i}"/><axis xyz="0 1 0"/>
 <origin xyz="0 0 .3"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
-
-
-def numbers(x):
-    return " ".join(map(repr, np.asarray(x, float).tolist()))
 
 
 def random_urdf(rng, bodies):
