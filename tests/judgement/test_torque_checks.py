@@ -91,7 +91,7 @@ def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without
     assert not coded(fitted(), *ABOUT_HANDS)
     bare = replace(arm(), prior=arm().known * np.repeat([*7 * [1], 1e-6], 10))
     drives, exact = ("viscous", "coulomb"), dict.fromkeys(PRIORS, 0.0)
-    shorter = log(hand=False, friction=1.0, seconds=6.0, rate=50.0)
+    shorter = log(hand=False, friction=1.0, seconds=8.0, rate=50.0)
     estimate = ident.identify(bare, shorter, drive=drives, setup=exact)
     assert estimate.verdict().usable and not coded(estimate, *ABOUT_HANDS)
     assert estimate.disagreement < 1.5 and set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)

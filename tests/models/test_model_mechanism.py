@@ -42,10 +42,9 @@ def test_what_to_type_is_said(tmp_path, capsys):
     assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
 
 
-UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/><body><geom size=".1"/><site/>
+UNNAMED = """<mujoco><worldbody><body><geom size=".1"/><site/>
 <body name="body1" pos="0 0 .3"><joint name="joint1" axis="1 0 0"/><geom size=".1"/>
-<body pos="0 0 .3"><joint axis="0 1 0"/><geom size=".1" pos="0 0 .5"/></body></body></body></worldbody>
-<actuator><position joint="joint1" kp="500" kv="50"/></actuator><sensor><jointpos joint="joint1"/></sensor></mujoco>"""
+<body pos="0 0 .3"><joint axis="0 1 0"/><geom size=".1"/></body></body></body></worldbody></mujoco>"""
 """The first body and the second joint have no names, and their default names are taken by others."""
 
 

@@ -104,6 +104,9 @@ def test_known_parameters_come_first(result):
     assert f">{(abs(truth.z) <= 1.96).sum()} of {number}<" in shown.pictures[0]
     assert shown.tables["table_truth"].rows[0][:2] == ("Arm", number)
     np.testing.assert_allclose(read_again(result).truths["arm"].z, truth.z, atol=3e-3)
+    # Where intervals are too narrow.
+    z = np.array([0.1] * 80 + [3.0] * 20)
+    assert report.headline(z, "").outcome == "not" and report.headline(z[:81], "").outcome == "usable"
 
 
 def test_other_software_stands_beside_the_estimate(result):
@@ -299,8 +302,3 @@ def test_the_pendulum_in_steel_has_the_published_inertias():
         assert abs(each.published_z(published)) < 1.96, name
         assert each.values[name][2] < 0.3 * abs(published.value), name
     assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 0.9).all()
-
-
-def test_the_page_says_when_intervals_are_too_narrow():
-    z = np.array([0.1] * 80 + [3.0] * 20)
-    assert report.headline(z, "").outcome == "not" and report.headline(z[:81], "").outcome == "usable"
