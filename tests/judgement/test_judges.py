@@ -28,22 +28,19 @@ def of_checks(**checks):
     return SimpleNamespace(checks=SimpleNamespace(**checks))
 
 
-@pytest.mark.parametrize(
-    ("status", "steps", "doubted"),
-    [
+def test_an_estimate_that_did_not_settle_is_a_doubt():
+    for status, steps, doubted in (
         ("converged", [5.0, 0.01], False),
         ("converged", [5.0, 0.5], False),
         ("rounds", [5.0, 0.25], False),
         ("rounds", [5.0, 0.35], True),
         ("stuck", [0.35], True),
         ("interrupted", [5.0, 1.0, 0.01], True),
-    ],
-)
-def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, doubted):
-    fit = SimpleNamespace(status=status, trace=steps)
-    findings = list(course_findings(SimpleNamespace(trajectory=SimpleNamespace(fit=fit))))
-    assert [(finding.code, finding.doubt) for finding in findings] == [("not_converged", True)] * doubted
-    assert not findings or findings[0].values == {"status": status, "rounds": len(steps)}
+    ):
+        fit = SimpleNamespace(status=status, trace=steps)
+        findings = list(course_findings(SimpleNamespace(trajectory=SimpleNamespace(fit=fit))))
+        expected = [("not_converged", True, {"status": status, "rounds": len(steps)})]
+        assert [(each.code, each.doubt, each.values) for each in findings] == expected * doubted
 
 
 LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}

@@ -133,16 +133,13 @@ def estimate(share=0.0, ratio=0.1, **more):
     return SimpleNamespace(**given | more)
 
 
-@pytest.mark.parametrize(
-    ("share", "ratio", "worth_it"), [(0.25, 0.025, True), (0.15, 0.025, False), (0.25, 0.015, False)]
-)
-def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
+def test_friction_is_worth_a_word_where_it_explains_much_of_something():
     """A residual of a hundredth of the signal may correlate with the velocity."""
-    findings = list(judges.friction_findings(estimate(share, ratio)))
-    assert len(findings) == worth_it
-    for finding in findings:
-        assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
-        assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
+    (finding,) = judges.friction_findings(estimate(0.25, 0.025))
+    assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
+    assert finding.values == {"shares": {"joint2": 0.25}, "drives": ("viscous", "coulomb")}
+    for share, ratio in ((0.15, 0.025), (0.25, 0.015)):
+        assert not list(judges.friction_findings(estimate(share, ratio)))
 
 
 def reversals(monkeypatch, *, size=1.0, slip=0.003, **motors):
