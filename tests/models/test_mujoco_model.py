@@ -22,6 +22,13 @@ SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"
 HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
 
 
+@pytest.mark.parametrize(("joint", "gravity"), [("", [0, -9.81, 0]), ("<joint/>", [0, 0, -9.81])])
+def test_gravity_is_turned_with_a_base_at_rest(joint, gravity):
+    turned = f'<body euler="90 0 0"><body name="base" euler="0 90 0">{joint}<geom size=".1"/></body></body>'
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{turned}</worldbody></mujoco>")
+    np.testing.assert_allclose(gravity_in_base(m, "base"), gravity, atol=1e-12)
+
+
 def test_rotors_and_viscous_friction_are_mujocos_and_coulomb_friction_has_the_sign_of_the_velocity():
     driven = HINGES.replace('name="u"', 'name="u" armature=".3" damping=".7"')
     m = model(driven.replace('name="w"', 'name="w" armature=".2" damping=".1"'))
