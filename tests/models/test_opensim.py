@@ -6,11 +6,12 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+import opensim_files
 import pytest
 from commands import sentence_of
 from mechanisms import random_phi
 from numpy.polynomial import Polynomial
-from opensim_files import Joint, constant, coordinate, document, every_kind, linear, path, spatial, table
+from opensim_files import Joint, constant, coordinate, document, every_kind, linear, spatial, table
 
 import sim
 from ident.errors import ModelError
@@ -167,8 +168,8 @@ def test_a_weld_closes_a_loop(stated, version):
 
     def joined(kind, second):
         end = END_3 if version == 3 else END_4
-        ends = end.format(k=1, body="rod", path=path("rod"), x=0.2)
-        ends += end.format(k=2, body=second, path=path(second), x=-0.2)
+        ends = end.format(k=1, body="rod", path=opensim_files.path("rod"), x=0.2)
+        ends += end.format(k=2, body=second, path=opensim_files.path(second), x=-0.2)
         constraint = f'<{kind} name="glue"><isEnforced>true</isEnforced>{ends}</{kind}>'
         return document(joints, phi, version=version, constraints=constraint)
 
