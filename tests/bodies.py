@@ -33,7 +33,6 @@ def weighed(tree, base, phi, rng, noise=0.05, samples=300):
 
 
 def measured(rng, psi, covariance):
-    """ψ with noise."""
     return psi + np.linalg.cholesky(covariance) @ rng.normal(size=len(psi))
 
 

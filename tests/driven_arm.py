@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import driven_arm
 import mujoco
 import numpy as np
 from mechanisms import by_joint, sines
@@ -47,7 +46,6 @@ NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states non
 
 @cache
 def mechanism(**drives):
-    """The arm as a model states it."""
     return sim.mechanism(mujoco.MjSpec.from_string(text(**drives)))
 
 
@@ -104,11 +102,11 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
 @cache
 def quick():
     """Least squares of the arm with friction, from its torques."""
-    return ident.identify(driven_arm.mechanism(), driven_arm.log(6.0, 50.0), estimator="weighted", cutoff=8.0)
+    return ident.identify(mechanism(), log(6.0, 50.0), estimator="weighted", cutoff=8.0)
 
 
 @cache
 def jointly():
     """Trajectory estimate of the same, with the set-up as stated."""
     exact = dict.fromkeys(PRIORS, 0.0) | {"gain": 0.01}
-    return ident.identify(driven_arm.mechanism(), driven_arm.log(4.0, 50.0), setup=exact, known=True)
+    return ident.identify(mechanism(), log(4.0, 50.0), setup=exact, known=True)

@@ -80,7 +80,7 @@ def _angles(folder):
 
 def _validate(folder):
     recorded(folder / "arm")
-    text = TEXT.format(files=files_of(folder / "arm", "arm.xml", "one.csv", "two.csv"), more="")
+    text = TEXT.format(files=files_of(folder / "arm"), more="")
     entry = read_entry(entry_file(folder, text))
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})

@@ -22,7 +22,6 @@ def body(name, joint, pos, mass, inner="", axis="0 1 0", more=""):
 
 
 def text(links, equality, more=""):
-    """An MJCF file of links on a base."""
     return (
         '<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size=".02" mass="1"/><site name="foot"/>'
         f"{links}</body></worldbody><equality>{equality}</equality>{more}"
@@ -210,7 +209,6 @@ def opened(name: str) -> Mechanism:
 
 
 def closed(name: str) -> Mechanism:
-    """The same with its dependent joints."""
     arm, driven = opened(name), MODELS[name][1]
     arm = arm.following({joint: lead for joint, lead in arm.mimics.items() if lead.joint in driven})
     return arm.closed([joint for joint in arm.tree.joints if joint not in driven], driven)

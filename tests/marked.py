@@ -43,7 +43,6 @@ def errors(model, estimate, truth):
 
 
 def trc(time, labels, x, unit="mm", factor=1e3):
-    """The text of a .trc file."""
     names = "\t".join(("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"))
     axes = "\t".join(f"{axis}{k + 1}" for k in range(len(labels)) for axis in "XYZ")
     head = [

@@ -105,7 +105,6 @@ def tilted_axis(tilt_deg, azimuth_deg):
 
 
 def unhat(matrix):
-    """The twist (6,) of a matrix (4, 4)."""
     return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 

@@ -1,17 +1,14 @@
-"""OpenSim files written by the tests: small models in the formats of versions 3 and 4, and people of 22 bodies."""
+"""OpenSim files written by the tests: small models in the formats of versions 3 and 4."""
 
 import warnings
 
 import numpy as np
 from mechanisms import random_phi
+from random_models import numbers
 
 import sim
 from ident.geometry.inertia import com_from_parameters
 from sim.models.notes import ModelNote
-
-
-def words(numbers):
-    return " ".join(repr(float(x)) for x in numbers)
 
 
 def constant(value):
@@ -19,11 +16,11 @@ def constant(value):
 
 
 def linear(slope, intercept=0.0):
-    return f"<LinearFunction><coefficients>{words([slope, intercept])}</coefficients></LinearFunction>"
+    return f"<LinearFunction><coefficients>{numbers([slope, intercept])}</coefficients></LinearFunction>"
 
 
 def table(x, y, kind="SimmSpline"):
-    return f"<{kind}><x>{words(x)}</x><y>{words(y)}</y></{kind}>"
+    return f"<{kind}><x>{numbers(x)}</x><y>{numbers(y)}</y></{kind}>"
 
 
 def multiplied(function, scale):
@@ -32,7 +29,7 @@ def multiplied(function, scale):
 
 def axis(name, coordinate, direction, function):
     return (
-        f'<TransformAxis name="{name}"><coordinates>{coordinate}</coordinates><axis>{words(direction)}</axis>'
+        f'<TransformAxis name="{name}"><coordinates>{coordinate}</coordinates><axis>{numbers(direction)}</axis>'
         f"<function>{function}</function></TransformAxis>"
     )
 
@@ -46,7 +43,7 @@ def spatial(axes):
 
 def coordinate(name, default=0.0, limits=(-1.5, 1.5), locked=False):
     return (
-        f'<Coordinate name="{name}"><default_value>{default!r}</default_value><range>{words(limits)}</range>'
+        f'<Coordinate name="{name}"><default_value>{default!r}</default_value><range>{numbers(limits)}</range>'
         f"<locked>{str(locked).lower()}</locked></Coordinate>"
     )
 
@@ -62,7 +59,7 @@ class Joint:
     def version_4(self):
         frames = "".join(
             f'<PhysicalOffsetFrame name="{body}_offset"><socket_parent>{path(body)}</socket_parent>'
-            f"<translation>{words(p)}</translation><orientation>{words(r)}</orientation></PhysicalOffsetFrame>"
+            f"<translation>{numbers(p)}</translation><orientation>{numbers(r)}</orientation></PhysicalOffsetFrame>"
             for body, (p, r) in ((self.parent, self.at), (self.child, self.on))
         )
         return (
@@ -76,7 +73,7 @@ class Joint:
         ends = zip(tags, (*self.at, *self.on), strict=True)
         return (
             f'<Joint><{self.kind} name="{self.name}"><parent_body>{self.parent}</parent_body>'
-            + "".join(f"<{tag}>{words(x)}</{tag}>" for tag, x in ends)
+            + "".join(f"<{tag}>{numbers(x)}</{tag}>" for tag, x in ends)
             + f"<CoordinateSet><objects>{''.join(self.coordinates)}</objects></CoordinateSet>{self.inside}"
             f"</{self.kind}></Joint>"
         )
@@ -91,11 +88,11 @@ def inertial(phi, version):
     entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     keys = ("xx", "yy", "zz", "xy", "xz", "yz")
     stated = (
-        f"<inertia>{words(entries)}</inertia>"
+        f"<inertia>{numbers(entries)}</inertia>"
         if version == 4
         else "".join(f"<inertia_{key}>{x!r}</inertia_{key}>" for key, x in zip(keys, entries.tolist(), strict=True))
     )
-    return f"<mass>{float(mass)!r}</mass>\n  <mass_center> {words(center)}</mass_center>\n  {stated}"
+    return f"<mass>{float(mass)!r}</mass>\n  <mass_center> {numbers(center)}</mass_center>\n  {stated}"
 
 
 def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", markers=()):
@@ -111,7 +108,7 @@ def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", ma
     where = "<body>{}</body>" if version == 3 else "<socket_parent_frame>{}</socket_parent_frame>"
     points = "".join(
         f'<Marker name="{name}">{where.format(body if version == 3 else path(body))}'
-        f"<location>{words(x)}</location></Marker>"
+        f"<location>{numbers(x)}</location></Marker>"
         for name, body, x in markers
     )
     joint_set = (
@@ -119,7 +116,7 @@ def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", ma
     )
     return (
         f'<?xml version="1.0" encoding="UTF-8" ?>\n<OpenSimDocument Version="{version}0000">\n<Model name="m">\n'
-        f"<!-- written for a test -->\n<gravity>{words(gravity)}</gravity>\n"
+        f"<!-- written for a test -->\n<gravity>{numbers(gravity)}</gravity>\n"
         f"<BodySet><objects>{ground}{bodies}\n</objects></BodySet>\n{joint_set}\n"
         f"<ConstraintSet><objects>{constraints}</objects></ConstraintSet>\n"
         f"<MarkerSet><objects>{points}</objects></MarkerSet>\n"
@@ -128,9 +125,9 @@ def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", ma
     )
 
 
-def coupler(leader, follower, function, scale=1.0, tag="isEnforced", says="true"):
+def coupler(leader, follower, function, scale=1.0):
     return (
-        f'<CoordinateCouplerConstraint name="couple_{follower}"><{tag}>{says}</{tag}>'
+        f'<CoordinateCouplerConstraint name="couple_{follower}"><isEnforced>true</isEnforced>'
         f"<coupled_coordinates_function>{function}</coupled_coordinates_function>"
         f"<independent_coordinate_names>{leader}</independent_coordinate_names>"
         f"<dependent_coordinate_name>{follower}</dependent_coordinate_name>"
@@ -177,7 +174,6 @@ def every_kind(seed, version=4):
 
 
 def quietly_read(path):
-    """The mechanism of an OpenSim file, without its notes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
         return sim.mechanism(path)

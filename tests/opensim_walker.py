@@ -16,12 +16,11 @@ PLANAR = ("tx", "ty", "tilt", "hip", "knee")
 
 
 def markers():
-    """Name, body and position of four markers on each body."""
     rng = np.random.default_rng(3)
     return [(f"{body}{k}", body, rng.uniform(-0.15, 0.15, 3)) for body in PHI for k in range(4)]
 
 
-def leg(folder, *, more=()):
+def leg(folder):
     """A pelvis that moves in a plane, a femur, and a tibia on a knee that slides."""
     x = np.linspace(-2, 0.2, 7)
     still = [("", axis, constant(0)) for axis in np.eye(3)]
@@ -36,7 +35,7 @@ def leg(folder, *, more=()):
         Joint("CustomJoint", "knee", "femur", "tibia", [coordinate("knee", limits=(-2.0, 0.2))], knee),
     ]
     path = folder / "leg.osim"
-    path.write_text(document(joints, PHI, markers=[*markers(), *more]), encoding="utf-8")
+    path.write_text(document(joints, PHI, markers=markers()), encoding="utf-8")
     return path
 
 
@@ -49,7 +48,7 @@ def motion(samples=60, rate=100.0):
     return t, offset + size * np.sin(arg), size * w * np.cos(arg), -size * w**2 * np.sin(arg)
 
 
-def trial(folder, path, std=0.001):
+def trial(folder, path):
     """Writes `walk.trc` and `walk.mot` with readings of cameras and a plate; returns times and coordinates."""
     leg_, rng = quietly_read(path), np.random.default_rng(0)
     t, q, dq, ddq = motion()
@@ -57,7 +56,7 @@ def trial(folder, path, std=0.001):
     labels = [name for name in leg_.sites if name in {marker for marker, _, _ in markers()}]
     sites = [(leg_.tree.names.index(body), place) for body, place in (leg_.sites[name] for name in labels)]
     x = np.stack([poses[:, b] @ place[:, 3] for b, place in sites], axis=1)[..., :3]
-    (folder / "walk.trc").write_text(trc(t, labels, x + std * rng.normal(size=x.shape)), encoding="utf-8")
+    (folder / "walk.trc").write_text(trc(t, labels, x + 0.001 * rng.normal(size=x.shape)), encoding="utf-8")
     wrench = base_wrench_regressor(leg_.tree, q, dq, ddq, gravity=leg_.gravity) @ leg_.known
     force, moment = wrench[:, :3], wrench[:, 3:]
     point = np.zeros((len(t), 3))

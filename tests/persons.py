@@ -26,5 +26,4 @@ def once(*_):
 
 
 def briefly():
-    """Two motions of a person on two force plates."""
     return study(2.0, laboratory=Laboratory(rate=50.0, rail=False), activities=("squats", "arm swings"))

@@ -30,7 +30,7 @@ CLASSES = """
 
 
 def numbers(x):
-    return " ".join(map(repr, np.asarray(x).tolist()))
+    return " ".join(map(repr, np.asarray(x, float).tolist()))
 
 
 def drive_attributes(rng, kind):

@@ -26,21 +26,20 @@ FILE = '[[files]]\nname = "{name}"\npath = "data/{name}"\nsha256 = "{sha256}"\n'
 
 
 def written(folder, text, name="arm"):
-    """Path of an entry's file in a folder."""
     path = folder / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def files_of(folder, *names):
-    """Tables of files, with the hashes of those that a folder holds."""
+def files_of(folder):
+    """Tables of files that a folder holds, with their hashes."""
     return "\n".join(
-        FILE.format(name=name, sha256=hashlib.sha256((folder / name).read_bytes()).hexdigest()) for name in names
+        FILE.format(name=path.name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in sorted(folder.iterdir())
     )
 
 
 def recorded(folder):
-    """Writes the arm's model and two logs into a folder."""
     folder.mkdir()
     (folder / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     for name, seed in (("one", 0), ("two", 1)):

@@ -34,7 +34,6 @@ class Here(Executor):
 
 
 def not_drawn(figure, extension):
-    """An empty file in place of a figure."""
     return b""
 
 
@@ -45,13 +44,11 @@ def leave_undrawn(patched):
 
 
 def truth(mechanism, recording, base, **_):
-    """The true base parameters, as an estimate."""
     psi = base.regroup(mechanism.known)
     return Trial(base, psi, np.ones_like(psi), psi)
 
 
 def undetermined(*_, **__):
-    """Raises an error, as for a recording that does not determine all parameters."""
     raise ExcitationError("The recording does not determine all parameters.", ())
 
 

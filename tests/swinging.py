@@ -27,7 +27,6 @@ def _truth():
 
 
 def ticks(rate, jitter=0.0, rng=None):
-    """Sample times over the whole motion."""
     end = _truth()[1]
     time = np.arange(0, end, 1 / rate)
     return time if rng is None else np.clip(time + rng.uniform(-jitter, jitter, len(time)), 0, end)
@@ -49,17 +48,14 @@ def streams(rng, *, angles=100.0, jitter=0.0, wrench=100.0, missing=0.0, gap=())
 
 
 def motion(time):
-    """True motion at some times."""
     curves = [_truth()[0][f"{joint}_position"] for joint in JOINTS]
     return ident.Motion(*(np.stack([curve(time, d) for curve in curves], axis=1) for d in range(3)))
 
 
 def z_of(psi, covariance):
-    """Errors of the base parameters in standard deviations."""
     truth = ident.find_base_parameters(pendulum()).regroup(pendulum().known)
     return (psi[: len(truth)] - truth) / np.sqrt(np.diag(covariance)[: len(truth)])
 
 
 def identified(streams, **fields):
-    """The trajectory estimate of all samples."""
     return ident.identify(pendulum(), ident.Recording.from_streams(streams, **fields), holdout=0)

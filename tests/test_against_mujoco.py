@@ -13,7 +13,7 @@ from ident.parameters.structure import Sensors
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
-MODELS = 100
+MODELS = 45
 SEEDS = range(MODELS)
 RECORDED = SEEDS[::20]
 
@@ -25,10 +25,10 @@ def case(seed):
     return model, random_model_states(rng, model, FEW if seed in RECORDED else 1)
 
 
-@pytest.fixture(scope="module", params=RECORDED)
-def recorded(request):
-    """One of these seeds; tests of one seed are adjacent, so that its equations are recorded once."""
-    return request.param
+def states_of(model, name, states):
+    """States of the joints beyond a body."""
+    coordinates, dofs = state_columns(model, name)
+    return states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
 
 
 def assert_equal(computed, expected, scale=None, tolerance=1e-10):
@@ -36,10 +36,29 @@ def assert_equal(computed, expected, scale=None, tolerance=1e-10):
     np.testing.assert_allclose(computed, expected, rtol=0, atol=tolerance * scale)
 
 
+def free_base(states):
+    return BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True)))
+
+
 def external_wrench(states, forces):
     """Forces of a free joint as a wrench in the body's frame."""
-    R = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True))).T[:, :3, :3]
+    R = free_base(states).T[:, :3, :3]
     return np.concatenate([(R.swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]], axis=1)
+
+
+def check_base_wrench_and_joint_torques(model, states, floating):
+    forces, readings = inverse_dynamics(model, *states)
+    wrench = external_wrench(states, forces) if floating else readings
+    tree, phi, joints = tree_from_model(model, "b0"), parameters_from_model(model, "b0"), states_of(model, "b0", states)
+    known = {"gravity": gravity_in_base(model, "b0"), "base": base_motion(model, "b0", *states) if floating else None}
+    assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
+    torques = forces[:, state_columns(model, "b0")[1]]
+    assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, torques, wrench)
+    if len(wrench) == FEW:
+        return  # The merged equations would have to be recorded too, and do not depend on how they are evaluated.
+    merged = mechanism(model, "b0", merge_welds=True)
+    assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
+    assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)
 
 
 def test_base_wrench_and_joint_torques():
@@ -47,25 +66,19 @@ def test_base_wrench_and_joint_torques():
         check_base_wrench_and_joint_torques(*case(seed), seed % 3 == 0)
 
 
-def test_recorded_base_wrench_and_joint_torques(recorded):
-    check_base_wrench_and_joint_torques(*case(recorded), recorded % 3 == 0)
-
-
-def test_structural_rank_is_the_numeric_rank(recorded):
-    model, _ = case(recorded)
-    floating = recorded % 3 == 0
-    tree, gravity = tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    coordinates, dofs = state_columns(model, "b0")
-    samples = 2 * len(tree.inertial) + 10
-    rng = np.random.default_rng(recorded)
-    states = random_model_states(rng, model, samples)
-    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
+@pytest.mark.parametrize("seed", RECORDED)
+def test_recorded_base_wrench_and_joint_torques_and_structural_ranks(seed):
+    model, states = case(seed)
+    floating = seed % 3 == 0
+    check_base_wrench_and_joint_torques(model, states, floating)
+    tree, gravity, rng = tree_from_model(model, "b0"), gravity_in_base(model, "b0"), np.random.default_rng(seed)
+    states = random_model_states(rng, model, 2 * len(tree.inertial) + 10)
     base = base_motion(model, "b0", *states) if floating else None
     for sensors, regressor in (
         (Sensors(moving_base=floating), base_wrench_regressor),
         (Sensors(False, True, floating), joint_torque_regressor),
     ):
-        Y = regressor(tree, *joints, gravity=gravity, base=base)
+        Y = regressor(tree, *states_of(model, "b0", states), gravity=gravity, base=base)
         if Y.any():
             exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
             assert find_base_parameters(Y).rank == exact.rank
@@ -83,36 +96,12 @@ def test_gravity_is_the_models(gravity):
         assert not gravity_in_base(model, "b0").any()
 
 
-def check_base_wrench_and_joint_torques(model, states, floating):
-    forces, readings = inverse_dynamics(model, *states)
-    wrench = external_wrench(states, forces) if floating else readings
-    tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
-    coordinates, dofs = state_columns(model, "b0")
-    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
-    known = {"gravity": gravity_in_base(model, "b0"), "base": base_motion(model, "b0", *states) if floating else None}
-    assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
-    assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
-    if len(wrench) == FEW:
-        return  # The merged equations would have to be recorded too, and do not depend on how they are evaluated.
-    merged = mechanism(model, "b0", merge_welds=True)
-    assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
-    assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)
-
-
 @pytest.mark.parametrize("seed", range(1, MODELS, 10))
-def test_the_world_as_base(seed):
-    model, states = case(seed)
-    forces, _ = inverse_dynamics(model, *states)
-    tree, phi = tree_from_model(model), parameters_from_model(model)
-    Y = joint_torque_regressor(tree, *states, gravity=model.opt.gravity)
-    assert_equal(Y @ phi, forces)
-
-
-@pytest.mark.parametrize("seed", range(1, MODELS, 10))
-def test_the_papers_recursion(seed):
+def test_the_world_as_base_and_the_papers_recursion(seed):
     model, states = case(seed)
     forces, _ = inverse_dynamics(model, *states)
     whole = mechanism(model)
+    assert_equal(joint_torque_regressor(whole.tree, *states, gravity=model.opt.gravity) @ whole.known, forces)
     for force, sample in zip(forces, Motion(*states), strict=True):
         ground, torques = dim.inverse_dynamics(whole, sample)
         assert_equal(torques, force)
@@ -123,21 +112,11 @@ def test_the_papers_recursion(seed):
 def test_motion_of_any_body_as_base(seed):
     """Cut at an inner body, the rest of the model needs a wrench there, on which MuJoCo's parts agree."""
     model, states = case(seed)
-    rng = np.random.default_rng(seed)
-    name = f"b{rng.integers(1, model.nbody - 1)}"
-    tree, phi = tree_from_model(model, name), parameters_from_model(model, name)
-    coordinates, dofs = state_columns(model, name)
-    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
-    moving = base_motion(model, name, *states)
+    name = f"b{np.random.default_rng(seed).integers(1, model.nbody - 1)}"
+    tree, phi, joints = tree_from_model(model, name), parameters_from_model(model, name), states_of(model, name, states)
     forces, _ = inverse_dynamics(model, *states)
-    Y = joint_torque_regressor(tree, *joints, gravity=model.opt.gravity, base=moving)
-    assert_equal(Y @ phi, forces[:, dofs], np.maximum(abs(forces).max(), 1))
-
-
-@pytest.mark.parametrize("seed", range(0, MODELS, 30))
-def test_two_ways_to_the_motion_of_a_free_base(seed):
-    model, states = case(seed)
-    by_model = base_motion(model, "b0", *states)
-    direct = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True)))
+    Y = joint_torque_regressor(tree, *joints, gravity=model.opt.gravity, base=base_motion(model, name, *states))
+    assert_equal(Y @ phi, forces[:, state_columns(model, name)[1]], np.maximum(abs(forces).max(), 1))
+    by_model, direct = base_motion(model, "b0", *states), free_base(states)
     for key in ("T", "V", "dV"):
         assert_equal(getattr(by_model, key), getattr(direct, key), tolerance=1e-12)

@@ -16,48 +16,28 @@ from ident.parameters.structure import Sensors
 DATA = sorted((Path(__file__).parent / "data").glob("*.json"))
 
 
-@pytest.fixture(scope="module", params=DATA, ids=lambda path: path.stem)
-def golden(request):
-    return json.loads(request.param.read_text(encoding="utf-8"))
+PLACE = ("gamma", "b", "alpha", "d", "theta", "r")
+TORQUES = Sensors(base_wrench=False, joint_torques=True)
 
 
-def tree_of(golden):
-    return tree_from_mdh(
-        [
-            Frame(
-                name=str(row["frame"]),
-                parent=str(row["parent"]) if row["parent"] else None,
-                kind=row["type"],
-                inertia=row["has_inertia"],
-                **{key: row[key] for key in ("gamma", "b", "alpha", "d", "theta", "r")},
-            )
-            for row in golden["frames"]
-        ]
-    )
+def frame_of(row):
+    parent, place = str(row["parent"] or "") or None, {name: row[name] for name in PLACE}
+    return Frame(str(row["frame"]), parent, row["type"], inertia=row["has_inertia"], **place)
 
 
-WAYS = pytest.mark.parametrize(
+@pytest.mark.parametrize("path", DATA, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
     ("regressor", "key", "sensors"),
-    [
-        (base_wrench_regressor, "base_wrench", Sensors()),
-        (joint_torque_regressor, "joint_torque", Sensors(base_wrench=False, joint_torques=True)),
-    ],
-    ids=["base_wrench", "joint_torque"],
+    [(base_wrench_regressor, "base_wrench", Sensors()), (joint_torque_regressor, "joint_torque", TORQUES)],
 )
-
-
-@WAYS
-def test_regressors_are_equal_and_wrench_and_torques_follow(golden, regressor, key, sensors):
-    states = [np.array(golden[name]) for name in ("q", "dq", "ddq")]
-    Y = regressor(tree_of(golden), *states, gravity=np.array(golden["gravity"]))
+def test_regressors_ranks_and_regroupings_are_equal(path, regressor, key, sensors):
+    """Ranks and regroupings of the regressor at random states, and of the structure."""
+    golden = json.loads(path.read_text(encoding="utf-8"))
+    tree = tree_from_mdh([frame_of(row) for row in golden["frames"]])
+    expected, gravity = golden[f"grouping_{key}"], np.array(golden["gravity"])
+    Y = regressor(tree, *(np.array(golden[name]) for name in ("q", "dq", "ddq")), gravity=gravity)
     np.testing.assert_allclose(Y, golden[f"Y_{key}"], rtol=0, atol=1e-12)
     np.testing.assert_allclose(Y @ np.array(golden["phi"]), golden[key], rtol=0, atol=1e-10)
-
-
-@WAYS
-def test_ranks_and_regroupings_are_equal(golden, regressor, key, sensors):
-    """Of the regressor at random states, and of the structure."""
-    tree, expected, gravity = tree_of(golden), golden[f"grouping_{key}"], np.array(golden["gravity"])
     Y = regressor(tree, *np.random.default_rng(0).uniform(-2, 2, size=(3, 200, len(tree.moving))), gravity=gravity)
     names = golden["parameters"]
     for base in (find_base_parameters(Y, names), find_base_parameters(tree, names, gravity=gravity, sensors=sensors)):
@@ -71,25 +51,14 @@ def test_ranks_and_regroupings_are_equal(golden, regressor, key, sensors):
 def sr400():
     """SR400 by OpenSYMORO's file: of six joints as an RX90's, with a parallelogram of the links 2, 3, 7 and 8."""
     half = np.pi / 2
-    geometry = {"alpha": [0, -half, 0, -half, half, -half, -half, 0], "d": [0, 4, 8, -2, 0, 0, 4, 10]}
-    geometry |= {"r": [0, 0, 0, 10, 0, 0, 0, 0]}
+    alpha, d = (0, -half, 0, -half, half, -half, -half, 0), (0, 4, 8, -2, 0, 0, 4, 10)
     # Of the opposite sides that stay parallel: q3 = q7 - q2 + 90°, q8 = q2 - q7.
     loop = {3: {"follows": {"2": -1.0, "7": 1.0}, "constant": half}, 8: {"follows": {"2": 1.0, "7": -1.0}}}
-    frames = [
-        Frame(
-            name=str(k + 1),
-            parent=str(before) if before else None,
-            kind="revolute",
-            inertia=True,
-            **{key: float(values[k]) for key, values in geometry.items()},
-            **loop.get(k + 1, {}),
-        )
-        for k, before in enumerate((0, 1, 2, 3, 4, 5, 1, 7))
-    ]
+    frames = [Frame("1", None, "revolute", inertia=True)]
+    for k, before in zip(range(2, 9), "1234517", strict=True):
+        place = {"alpha": float(alpha[k - 1]), "d": float(d[k - 1]), "r": 10.0 * (k == 4)}
+        frames.append(Frame(str(k), before, "revolute", inertia=True, **place, **loop.get(k, {})))
     return tree_from_mdh(frames)
-
-
-TORQUES = Sensors(base_wrench=False, joint_torques=True)
 
 
 def test_a_parallelogram_adds_three_parameters_to_an_arm(sr400):

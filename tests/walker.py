@@ -15,14 +15,13 @@ MODEL = """
 <mujoco><option gravity="0 0 -9.81"/><worldbody><body name="pelvis" pos="0 0 1">{root}
   <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>{limbs}</body></worldbody></mujoco>
 """
-LEGS = """<body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
-        <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
-        <body name="foot_r" pos="0 0 -0.45"><joint name="knee_r" axis="0.1 1 0"/>
-          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>
-      <body name="thigh_l" pos="0 0.1 0"><joint name="hip_l" axis="0 1 0"/>
-        <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
-        <body name="foot_l" pos="0 0 -0.45"><joint name="knee_l" axis="-0.1 1 0"/>
-          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>"""
+LEGS = "".join(
+    f"""<body name="thigh_{side}" pos="0 {y} 0"><joint name="hip_{side}" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
+      <body name="foot_{side}" pos="0 0 -0.45"><joint name="knee_{side}" axis="{-y} 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>"""
+    for side, y in (("r", -0.1), ("l", 0.1))
+)
 ARM = """<body name="arm" pos="0 -0.2 0.4"><joint name="shoulder" axis="0.3 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.1 0 -0.5" size="0.03"/></body>"""
 AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
@@ -42,7 +41,6 @@ def mechanism(model=JOINTED):
 
 @cache
 def motion(samples=600, rate=100.0):
-    """Times, q, q̇ and q̈ of all joints, sums of sines."""
     rng, time = np.random.default_rng(0), np.arange(samples) / rate
     sizes = np.array([0.1, 0.1, 0.06, 0.3, 0.2, 0.2, 0.5, 0.4, 0.5, 0.4, 0.6])[:, None]
     size, phase = sizes * rng.uniform(0.2, 0.6, (11, 3)), rng.uniform(0, 6, (11, 3))
@@ -85,7 +83,6 @@ def wrenches():
 
 
 def columns():
-    """The log of the joints."""
     time, q, dq, ddq = motion()
     out = {"time": time}
     for k, joint in enumerate(mechanism().tree.joints):

@@ -27,7 +27,6 @@ _LINKS = (
 
 
 def model(*, tool=TOOL, beyond="", stated=True):
-    """MJCF of the arm."""
     text = lambda x: " ".join(map(str, x))  # noqa: E731
     inertial = f'<inertial mass="{tool["mass"]}" pos="{text(tool["com"])}" fullinertia="{text(tool["inertia"])}"/>'
     bodies = (
@@ -53,7 +52,6 @@ def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
 
 
 def along(t, seed=0, size=1.0):
-    """The motion at any times."""
     rng = np.random.default_rng(seed)
     amplitude, phase = size * rng.uniform(0.1, 0.35, (7, 5)), rng.uniform(0, 2 * np.pi, (7, 5))
     q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.1 * np.arange(1, 6), phase)
@@ -67,11 +65,11 @@ def read(text, seconds=20.0, rate=100.0, size=1.0):
     return inverse_dynamics(arm, *motion(seconds, rate, size=size)[1:])[1]
 
 
-def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2, 5, 0.1, -0.2, 0.05), sign=1, **faults):
+def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, sign=1, **faults):
     """Angles (0.3 mrad of noise) and the sensor (0.1 N, 5 mN m) with offsets, a `delay` in samples and `gains`."""
     rng, (t, q, *_) = np.random.default_rng(seed), motion(seconds, rate, size=size)
-    wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6))) + offset
-    wrench = wrench + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)
+    wrench = sign * read(text or model(), seconds, rate, size) * np.array(faults.get("gains", np.ones(6)))
+    wrench = wrench + [3, -2, 5, 0.1, -0.2, 0.05] + rng.normal(size=wrench.shape) * np.repeat([0.1, 0.005], 3)
     q = q + 3e-4 * rng.normal(size=q.shape)
     late = faults.get("delay", 0)
     t, q, wrench = t[late:], q[late:], wrench[: len(wrench) - late]
@@ -80,7 +78,6 @@ def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2,
 
 
 def sensors(applied_to_link=True):
-    """Sensor of the wrist, with its pose."""
     arm = mujoco.MjModel.from_xml_string(model())
     pose = np.eye(4)
     pose[:3, 3] = arm.site("wrist").pos

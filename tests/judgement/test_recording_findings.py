@@ -1,7 +1,6 @@
 """Findings on what was recorded: ranges and steps of sensors, contacts, planes, and channels that are late."""
 
 from dataclasses import replace
-from functools import cache
 
 import driven_arm
 import numpy as np
@@ -19,49 +18,49 @@ from ident.estimation.preparation import prepared
 from ident.judgement.model_fit import delay_check
 from ident.judgement.unmeasured import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.setup import PRIORS
+
+EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
-def clipped(share, component=2, seed=0):
-    """A recording with a component clipped at the value that this share of it exceeds."""
-    recording = faulty(seed)
-    wrench = wrench_of(recording)
-    limit = np.quantile(wrench[:, component], 1 - share)
-    wrench[:, component] = np.minimum(wrench[:, component], limit)
-    return angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench), limit
+def with_wrench(recording, change):
+    return angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), change(wrench_of(recording)))
 
 
 def test_a_clipped_force_is_named_and_left_out_where_it_is():
-    recording, limit = clipped(0.1)
-    estimate = ident.identify(PENDULUM, recording)
+    limit = np.quantile(wrench_of(faulty())[:, 2], 0.9)
+    clipped = with_wrench(faulty(), lambda wrench: np.where(np.arange(6) == 2, np.minimum(wrench, limit), wrench))
+    estimate = ident.identify(PENDULUM, clipped)
     (finding,) = coded(estimate, "clipped_channel")
     values = finding.values
     assert (values["channel"], values["limits"], values["unit"]) == ("Fz", (limit,), "N")
     assert values["share"] == pytest.approx(0.1, abs=0.01) and values["kept"] and values["log"] is None
     assert not finding.doubt and finding.place.channels == ("Fz",)
-    assert not estimate.setup
+    assert not estimate.setup and estimate.verdict().usable
     assert abs(estimate.psi[0] - TRUTH[0]) < 1.96 * estimate.std[0]
     assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
-    assert estimate.verdict().usable
     assert estimate.checks.weight.measured == pytest.approx(PENDULUM.mass, rel=0.005)
+
+
+def quick(mechanism, recording, **options):
+    return ident.identify(mechanism, recording, estimator="weighted", cutoff=8.0, **options)
 
 
 @pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
 def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
-    """With fine and with coarse steps."""
     for seed in range(3):
         assert not prepared(PENDULUM, recorded(seed, speed=1, noise=1, **steps)).clipped
 
 
 def test_steps_that_are_most_of_the_noise_are_named():
-    recording = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
-    (finding,) = coded(ident.identify(PENDULUM, recording), "coarse_steps")
-    assert not finding.doubt
+    coarse = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
+    fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
+    (finding,), none = (coded(ident.identify(PENDULUM, each, setup=EXACT), "coarse_steps") for each in (coarse, fine))
+    assert not finding.doubt and not none
     steps = {each["name"]: (pytest.approx(each["step"], rel=1e-3), each["unit"]) for each in finding.values["steps"]}
     angle = 2 * np.pi / 4096, "rad"
     wanted = {"Fy": (3, "N"), "Fz": (3, "N"), "Mx": (0.3, "N m"), "joint1": angle, "joint2": angle}
     assert {name: steps[name] for name in wanted} == wanted
-    fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
-    assert not coded(ident.identify(PENDULUM, fine), "coarse_steps")
 
 
 FORCE = 10, 0, 60
@@ -82,52 +81,42 @@ def test_they_are_found_where_they_are(spans, heavier):
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():
-    recording = leaning([(1, 2.5)], FORCE)
-    wrench = wrench_of(recording)
-    wrench[:, 2] = np.nan
-    level = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench)
+    level = with_wrench(leaning([(1, 2.5)], FORCE), lambda wrench: np.where(np.arange(6) == 2, np.nan, wrench))
     assert not unmeasured_contacts(prepared(PENDULUM, level))
 
 
-def in_motion(mechanism, seed):
-    """Angles and wrench of 8 s that begin and end in fast motion, with angles that are noisy for it."""
-    rng, joints = np.random.default_rng((seed, 5)), mechanism.tree.joints
-    t, drawn = np.arange(800) / 100, (len(joints), 4)
+@pytest.mark.parametrize("seed", [3, 17])
+def test_nothing_is_found_where_a_recording_begins_or_ends_in_motion(seed):
+    """Fast motion for 8 s, with angles that are noisy for it."""
+    arm, rng = sim.mechanism(scenes.load("arm"), base="base"), np.random.default_rng((seed, 5))
+    t, drawn = np.arange(800) / 100, (len(arm.tree.joints), 4)
     rate = 2 * np.pi * 1.6 * np.array([0.15, 0.31, 0.52, 0.78]) * rng.uniform(0.9, 1.1, drawn)
     size = np.array([0.5, 0.38, 0.26, 0.16]) * rng.uniform(0.3, 1, drawn)
     states = sines(t, size, rate, rng.uniform(0, 2 * np.pi, drawn))
-    wrench = ident.base_wrench_regressor(mechanism.tree, *states, gravity=mechanism.gravity) @ mechanism.known
+    wrench = ident.base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known
     q = states[0] + 1e-3 * rng.normal(size=states[0].shape)
     wrench += np.repeat([0.5, 0.05], 3) * rng.normal(size=wrench.shape)
     channels = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
-    return ident.Recording(t, by_joint(joints, position=q) | channels)
-
-
-def test_nothing_is_found_where_a_recording_begins_or_ends_in_motion():
-    arm = sim.mechanism(scenes.load("arm"), base="base")
-    for seed in (3, 17):
-        assert not unmeasured_contacts(prepared(arm, in_motion(arm, seed)))
-
-
-@cache
-def estimate(leave_out=(), **options):
-    return ident.identify(sagittal_walker.mechanism(), sagittal_walker.recording(**options), leave_out=leave_out)
+    recording = ident.Recording(t, by_joint(arm.tree.joints, position=q) | channels)
+    assert not unmeasured_contacts(prepared(arm, recording))
 
 
 def test_what_the_model_cannot_explain_is_named_with_the_option_that_leaves_it_out():
-    (finding,) = coded(estimate(), "out_of_plane")
+    estimate = quick(sagittal_walker.mechanism(), sagittal_walker.recording(300))
+    (finding,) = coded(estimate, "out_of_plane")
     assert not finding.doubt and finding.values == {"normal": "z", "channels": sagittal_walker.SIDEWAYS}
     assert finding.place.channels == sagittal_walker.SIDEWAYS and "--leave-out Fz Mx My" in finding.text
-    assert set(estimate().verdict().predicted) == set(estimate().channels) - set(sagittal_walker.SIDEWAYS)
+    assert set(estimate.verdict().predicted) == set(estimate.channels) - set(sagittal_walker.SIDEWAYS)
 
 
 @pytest.mark.slow
 def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways():
-    left_out = coded(estimate(), "out_of_plane")[0].values["channels"]
-    without, upright = (estimate(left_out, sway=sway) for sway in (1.0, 0.0))
+    person, left_out = sagittal_walker.mechanism(), sagittal_walker.SIDEWAYS
+    recordings = (sagittal_walker.recording(sway=sway) for sway in (1.0, 0.0))
+    without, upright = (ident.identify(person, recording, leave_out=left_out) for recording in recordings)
     assert without.channels == ("Fx", "Fy", "Mz") and not coded(without, "out_of_plane")
     assert without.verdict().usable and without.held_out.ratio.max() < 0.1
-    z = (without.psi - without.base.regroup(sagittal_walker.mechanism().known)) / without.std
+    z = (without.psi - without.base.regroup(person.known)) / without.std
     assert len(z) == 16 and np.sqrt(np.mean(z**2)) < 1.5 and np.abs(z).max() < 4
     np.testing.assert_allclose(without.psi, upright.psi, rtol=1e-6)
     np.testing.assert_allclose(without.std, upright.std, rtol=1e-4)
@@ -139,7 +128,7 @@ def test_signs_of_plates_are_still_held_against_the_model():
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
-    estimate = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)
+    estimate = quick(person, turned, leave_out=sagittal_walker.SIDEWAYS)
     (finding,) = coded(estimate, "wrench_sign_or_axes")
     assert finding.values["opposite"] and finding.values["frame"] == "as stated"
     assert finding.place.wrenches == ("right",) and not estimate.verdict().usable
@@ -148,33 +137,26 @@ def test_signs_of_plates_are_still_held_against_the_model():
 ARM = driven_arm.mechanism(**driven_arm.NONE)
 
 
-def recording(kind, delay, rate, seconds=40.0):
-    """Angles, and torques or a base wrench that are late, of another arm than the model's, with noise."""
+def late(kind, delay, rate, sign=1):
+    """Check of angles, and torques or a base wrench that are late, of another arm than the model's, with noise."""
     rng, every = np.random.default_rng(4), 1000
-    t, *states = driven_arm.motion(rng, seconds, every)
-    at, late = (np.arange(every, len(t) - every, every // rate) - round(shift * every) for shift in (0, delay))
+    t, *states = driven_arm.motion(rng, 40.0, every)
+    at, then = (np.arange(every, len(t) - every, every // rate) - round(shift * every) for shift in (0, delay))
     function = joint_torque_regressor if kind == "torque" else base_wrench_regressor
-    channels = function(ARM.tree, *(x[late] for x in states), gravity=ARM.gravity) @ ARM.known
-    channels = 1.2 * channels + 0.02 * channels.std(axis=0) * rng.normal(size=channels.shape)
+    channels = function(ARM.tree, *(x[then] for x in states), gravity=ARM.gravity) @ ARM.known
+    channels = sign * (1.2 * channels + 0.02 * channels.std(axis=0) * rng.normal(size=channels.shape))
     named = by_joint(ARM.tree.joints, position=states[0][at])
     if kind == "torque":
         named |= by_joint(ARM.tree.joints, torque=channels)
     else:
         named |= {"ground_force": channels[:, :3], "ground_torque": channels[:, 3:]}
-    return ident.Recording(t[at], named)
+    return delay_check(prepared(ARM, ident.Recording(t[at], named), filters=False))
 
 
 @pytest.mark.parametrize("kind", ["torque", "wrench"])
-@pytest.mark.parametrize(("delay", "rate"), [(0.35, 10), (0.5, 10), (-0.3, 20), (0.2, 100)])
-def test_a_long_delay_has_a_value_and_a_deviation(kind, delay, rate):
-    check = delay_check(prepared(ARM, recording(kind, delay, rate), filters=False))
-    assert check.suspicious and check.of.startswith(kind)
-    assert abs(check.delay - delay) < max(4 * check.std, 0.005) and check.std < 0.03
-
-
-@pytest.mark.parametrize("kind", ["torque", "wrench"])
-def test_channels_in_time_or_of_the_opposite_sign_are_not_late(kind):
-    log = recording(kind, 0, 20)
-    for sign in (1, -1):
-        measured = {name: x if "position" in name else sign * x for name, x in log.measured.items()}
-        assert not delay_check(prepared(ARM, replace(log, measured=measured), filters=False)).suspicious
+def test_a_long_delay_has_a_value_and_a_deviation_and_an_opposite_sign_is_none(kind):
+    for delay, rate in ((0.35, 10), (0.5, 10), (-0.3, 20), (0.2, 100)):
+        check = late(kind, delay, rate)
+        assert check.suspicious and check.of.startswith(kind)
+        assert abs(check.delay - delay) < max(4 * check.std, 0.005) and check.std < 0.03
+    assert not any(late(kind, 0, 20, sign).suspicious for sign in (1, -1))

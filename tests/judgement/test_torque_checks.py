@@ -27,22 +27,15 @@ NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0
 
 @cache
 def arm():
-    """A seven-joint arm with a hand."""
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
-def heavier(factor):
-    """The hand with a load of the same shape, as many times as heavy together."""
-    inertia = tuple(factor * x for x in HAND["inertia"])
-    return HAND | {"mass": factor * HAND["mass"], "inertia": inertia}
-
-
-def log(*, hand=True, load=1.0, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
-    """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
-    true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier(load) if hand else NO_HAND))
-    rng, (t, q, dq, ddq) = np.random.default_rng(seed), wrist.motion(seconds, rate)
+def log(*, hand=True, load=1.0, friction=0.0, gains=1.0, off=1.0, seconds=20.0, rate=100.0):
+    """Angles and torques: the links' torques by MuJoCo times `off`, and friction."""
+    heavier = HAND | {"mass": load * HAND["mass"], "inertia": tuple(load * x for x in HAND["inertia"])}
+    true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier if hand else NO_HAND))
+    rng, (t, q, dq, ddq) = np.random.default_rng(0), wrist.motion(seconds, rate)
     torque = off * inverse_dynamics(true, q, dq, ddq)[0] + friction * (0.6 * dq + 0.5 * np.sign(dq))
-    torque = torque + slow * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     torque = gains * torque + 0.03 * rng.normal(size=q.shape)
     q = q + 3e-4 * rng.normal(size=q.shape)
     return ident.Recording(t, by_joint(wrist.JOINTS, position=q, torque=torque))
@@ -75,14 +68,18 @@ def test_a_heavy_load_is_no_factor_although_one_explains_some_torques(friction):
     assert any(check.scaled for check in result.joints)
     assert result.load.body in ("tool", "link7") and result.load.better and result.load.against_factors < 0.1
     assert not result.gains and not result.grossly_wrong
-    (finding,) = judges.torque_findings(evidence_of(checks(load=40.0)))
+    beyond = SimpleNamespace(checks=SimpleNamespace(torques=checks(load=40.0)))
+    (finding,) = judges.torque_findings(beyond)
     # More than the whole arm: a load explains the torques far better, but the unit may be wrong as well.
     assert finding.code == "torque_scale" and finding.values["load"] in ("tool", "link7")
 
 
-def evidence_of(result):
-    """Evidence with checks of torques alone."""
-    return SimpleNamespace(checks=SimpleNamespace(torques=result))
+ABOUT_HANDS = ("friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
+
+
+@cache
+def fitted():
+    return ident.identify(arm(), log(seconds=6, rate=50), drive=(), estimator="weighted", cutoff=4.0)
 
 
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
@@ -91,19 +88,13 @@ def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without
     (absent,), (friction,) = coded(estimate, "body_not_carried"), coded(estimate, "friction_not_fitted")
     assert friction.doubt and friction.values["drives"] == ("viscous", "coulomb")
     assert not absent.doubt and absent.values["body"] == "tool"
-    clean = ident.identify(arm(), log(seconds=10.0, rate=50.0), drive=(), estimator="weighted", cutoff=4.0)
-    assert not coded(clean, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
+    assert not coded(fitted(), *ABOUT_HANDS)
     bare = replace(arm(), prior=arm().known * np.repeat([*7 * [1], 1e-6], 10))
-    estimate = ident.identify(bare, recording, drive=("viscous", "coulomb"), setup=dict.fromkeys(PRIORS, 0.0))
-    assert estimate.verdict().usable
-    assert not coded(estimate, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
-    assert estimate.disagreement < 1.5
-    assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
-
-
-@cache
-def fitted():
-    return ident.identify(arm(), log(seconds=6, rate=50), drive=(), estimator="weighted", cutoff=8.0)
+    drives, exact = ("viscous", "coulomb"), dict.fromkeys(PRIORS, 0.0)
+    shorter = log(hand=False, friction=1.0, seconds=8.0, rate=50.0)
+    estimate = ident.identify(bare, shorter, drive=drives, setup=exact)
+    assert estimate.verdict().usable and not coded(estimate, *ABOUT_HANDS)
+    assert estimate.disagreement < 1.5 and set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
 
 
 def shares_of(residual):
@@ -123,16 +114,15 @@ def test_noise_is_not_taken_for_friction(rho, most):
 
 
 def axes(joints, **motors):
-    """Axes of joints, and of motors with their rows."""
     rows = np.array(list(motors.values()), float).reshape(-1, len(joints))
     return Axes(joints, tuple(motors), rows, (), np.zeros((0, len(joints))))
 
 
-def estimate(share, ratio, drives=()):
+def estimate(share=0.0, ratio=0.1, **more):
     """An estimate of two torques, with a share of the second's residual that friction would explain."""
     channels = ("joint1", "joint2")
-    return SimpleNamespace(
-        fit=SimpleNamespace(equations=SimpleNamespace(drives=drives, axes=axes(channels), channels=channels)),
+    given = dict(
+        fit=SimpleNamespace(equations=SimpleNamespace(drives=(), axes=axes(channels), channels=channels)),
         channels=channels,
         ratios=dict.fromkeys(channels, ratio),
         friction={"joint1": 0.0, "joint2": share},
@@ -140,36 +130,32 @@ def estimate(share, ratio, drives=()):
         trajectory=SimpleNamespace(),
         logs=(),
     )
+    return SimpleNamespace(**given | more)
 
 
-@pytest.mark.parametrize(
-    ("share", "ratio", "worth_it"), [(0.25, 0.025, True), (0.15, 0.025, False), (0.25, 0.015, False)]
-)
-def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
+def test_friction_is_worth_a_word_where_it_explains_much_of_something():
     """A residual of a hundredth of the signal may correlate with the velocity."""
-    (finding,) = list(judges.friction_findings(estimate(share, ratio))) or [None]
-    assert (finding is not None) == worth_it
-    if finding:
-        assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
-        assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
+    (finding,) = judges.friction_findings(estimate(0.25, 0.025))
+    assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
+    assert finding.values == {"shares": {"joint2": 0.25}, "drives": ("viscous", "coulomb")}
+    for share, ratio in ((0.15, 0.025), (0.25, 0.015)):
+        assert not list(judges.friction_findings(estimate(share, ratio)))
 
 
-def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
-    """Findings on two torques of which the second's joint, or the first motor, has friction."""
-    result = estimate(0.0, 0.1)
-    equations = result.fit.equations
-    equations.axes = axes(equations.channels, **motors)
-    rubs = 2 if motors else 1
-    monkeypatch.setattr(judges, "rubbing", lambda equations: (rubs,))
-    sizes, velocities, slips = np.zeros(rubs + 1), np.ones(rubs + 1), np.zeros(rubs + 1)
-    sizes[rubs], velocities[rubs], slips[rubs] = size, 0.05, slip
-    result.trajectory = SimpleNamespace(
-        reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
-        measurement=SimpleNamespace(equations=equations),
+def reversals(monkeypatch, *, size=1.0, slip=0.003, **motors):
+    """Findings on two torques of which the first motor has friction."""
+    monkeypatch.setattr(judges, "rubbing", lambda equations: (2,))
+    equations = SimpleNamespace(drives=(), axes=axes(("joint1", "joint2"), **motors), channels=("joint1", "joint2"))
+    values = SimpleNamespace(
+        size=np.array([0, 0, size]),
+        velocity=np.array([1, 1, 0.05]),
+        slip=np.array([0, 0, slip]),
+        shares=equations.axes.matrix,
     )
-    result.mechanism, result.bounded, result.logs = arm(), {}, ()
-    result.at_rest = {"joint1": np.nan, "joint2": at_rest}
-    return list(judges.drive_findings(result))
+    trajectory = SimpleNamespace(reversals=values, measurement=SimpleNamespace(equations=equations))
+    more = {"mechanism": arm(), "bounded": {}, "at_rest": {"joint1": np.nan, "joint2": 0.4}}
+    fit = SimpleNamespace(equations=equations)
+    return list(judges.drive_findings(estimate(trajectory=trajectory, fit=fit, **more)))
 
 
 def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
@@ -182,7 +168,6 @@ def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
 
 
 def test_a_drive_at_its_bound_in_one_log_is_of_its_joint():
-    result = estimate(0.0, 0.1)
-    result.mechanism, result.trajectory, result.bounded = arm(), None, {"Fc(joint2) of log 2": (0.1, 0.05)}
-    (finding,) = judges.drive_findings(result)
+    bounded = {"Fc(joint2) of log 2": (0.1, 0.05)}
+    (finding,) = judges.drive_findings(estimate(mechanism=arm(), trajectory=None, bounded=bounded))
     assert finding.place.joints == ("joint2",) and finding.values["units"] == {"Fc(joint2) of log 2": "N m"}

@@ -48,14 +48,12 @@ def test_without_noise_angles_are_exact_though_nothing_is_known_of_the_first_pos
 
 def test_with_noise_angles_are_within_their_covariance(person):
     marked, _, qpos, x = person
-    n, all_chi, all_z = len(marked.dofs), [], []
+    n, parts = len(marked.dofs), []
     for seed in range(4):
         postures = fit_trial(marked, noisy(x, seed))
         assert postures.sigma == pytest.approx(0.002, rel=0.04)
-        chi, z = chi_squared(marked, postures, qpos)
-        all_chi.append(chi)
-        all_z.append(z)
-    chi, z = np.concatenate(all_chi), np.concatenate(all_z)
+        parts.append(chi_squared(marked, postures, qpos))
+    chi, z = map(np.concatenate, zip(*parts, strict=True))
     assert chi.mean() == pytest.approx(n, abs=5 * np.sqrt(2 * n / len(chi)))
     # Each degree of freedom by itself: free joint, balls, hinges.
     np.testing.assert_allclose((z**2).mean(axis=0), 1, atol=5 * np.sqrt(2 / len(z)))
@@ -105,38 +103,29 @@ def scaled_person():
     return marked, groups, factors, other, *trial(other, 12)
 
 
-def test_factors_are_recovered_and_angles_with_them(scaled_person):
+def test_factors_are_recovered_and_angles_with_them_and_with_noise_within_their_deviations(scaled_person):
     marked, groups, factors, other, _, qpos, x = scaled_person
     scaled = scaling(marked, x, groups)
     np.testing.assert_allclose(scaled.factors, factors, atol=1e-7)
     postures = fit_trial(marked.with_lengths(scaled.model), x)
     assert np.abs(errors(other, postures.qpos, qpos)).max() < 1e-5
-
-
-def test_with_noise_factors_are_within_their_deviations(scaled_person):
-    marked, groups, factors, _, _, _, x = scaled_person
-    scaled = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
+    scaled = scaling(marked, noisy(x, 4), groups)
     z = (scaled.factors - factors) / scaled.std
     assert (z**2).sum() < 45 and scaled.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
 
 
-def test_sides_and_groups_share_a_factor(scaled_person):
-    model = scaled_person[0].model
-    names = grouped(model, alike=True)
-    assert ("left_thigh", "right_thigh") in names and ("pelvis",) in names and len(names) == 11
-    assert grouped(model, [("abdomen", "thorax")])[0] == ("abdomen", "thorax")
-    with pytest.raises(InputError, match="'thorax' is in two groups"):
-        grouped(model, [("abdomen", "thorax"), ("thorax",)])
-    with pytest.raises(ModelError, match="no body named 'tail'"):
-        grouped(model, [("tail",)])
-
-
-def test_lengths_that_are_no_persons_are_refused(scaled_person):
+def test_sides_and_groups_share_a_factor_which_is_a_persons(scaled_person):
     marked, groups, *_ = scaled_person
+    names = grouped(marked.model, alike=True)
+    assert ("left_thigh", "right_thigh") in names and ("pelvis",) in names and len(names) == 11
+    assert grouped(marked.model, [("abdomen", "thorax")])[0] == ("abdomen", "thorax")
+    with pytest.raises(InputError, match="'thorax' is in two groups"):
+        grouped(marked.model, [("abdomen", "thorax"), ("thorax",)])
+    with pytest.raises(ModelError, match="no body named 'tail'"):
+        grouped(marked.model, [("tail",)])
     tall = scaled_model(marked.model, [("left_thigh", "right_thigh")], np.array([4.0]))
-    *_, x = trial(tall, 3)
     with pytest.raises(InputError, match=r"of \w+_thigh would have to be scaled by more than 0\.3 to 3: check unit"):
-        scaling(marked, x, groups)
+        scaling(marked, trial(tall, 3)[2], groups)
 
 
 def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
@@ -145,16 +134,9 @@ def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
     write_scaled(tmp_path / "scaled.xml", marked.spec, model)
     read = mujoco.MjModel.from_xml_path(str(tmp_path / "scaled.xml"))
     assert read.body_mass.sum() == pytest.approx(1.25 * marked.model.body_mass.sum(), rel=1e-12)
-    rng, positions = np.random.default_rng(0), []
-    qpos = model.qpos0.copy()
-    mujoco.mj_integratePos(model, qpos, rng.normal(scale=0.4, size=model.nv), 1.0)
-    for each in (model, read):
-        data = mujoco.MjData(each)
-        data.qpos = qpos
-        mujoco.mj_forward(each, data)
-        positions.append(np.vstack([data.site_xpos, data.xipos, [data.subtree_com[0]]]))
-    np.testing.assert_allclose(*positions, atol=1e-9)
-    np.testing.assert_allclose(read.body_inertia, model.body_inertia, rtol=1e-9)
+    np.testing.assert_allclose(trial(read, 3)[2], trial(model, 3)[2], atol=1e-9)
+    for field in ("body_mass", "body_ipos", "body_inertia"):
+        np.testing.assert_allclose(getattr(read, field), getattr(model, field), rtol=1e-9, atol=1e-12)
 
 
 def test_frames_without_markers_and_joints_without_any(person):

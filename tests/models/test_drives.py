@@ -9,9 +9,7 @@ from commands import sentence_of
 from opensim_files import Joint, coordinate, coupler, document, linear
 
 import sim
-from ident.errors import ModelError
 from ident.mechanism.drives import Actuator, Drive
-from sim.models.model_mechanism import mechanism
 from sim.models.notes import ModelNote
 
 ARM = """
@@ -19,18 +17,18 @@ ARM = """
   <default><joint damping=".5"/>
     <default class="geared"><joint armature=".2" frictionloss=".1"/><motor gear="50"/></default>
   </default>
-  <worldbody><body name="base"><geom size=".1"/>
+  <worldbody><body name="base"><joint type="free" name="root" damping="2" stiffness="3"/><geom size=".1"/>
     <body name="upper"><joint name="shoulder"/><geom size=".1"/>
-      <body name="lower" childclass="geared"><joint name="elbow" {elbow}/><geom size=".1"/></body>
+      <body name="lower" childclass="geared"><joint name="elbow"/><geom size=".1"/></body>
     </body>
   </body></worldbody>
-  <actuator>{actuators}</actuator>
+  <actuator>{}</actuator>
 </mujoco>
 """
 
 
-def arm(elbow="", actuators="", **options):
-    return mechanism(mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow, actuators=actuators)), **options)
+def arm(actuators=""):
+    return sim.mechanism(mujoco.MjModel.from_xml_string(ARM.format(actuators)))
 
 
 def test_actuators_have_their_gear_and_gains():
@@ -42,44 +40,39 @@ def test_actuators_have_their_gear_and_gains():
     <damper name="d" joint="elbow" kv="1" ctrlrange="0 1"/>
     """
     with pytest.warns(ModelNote, match="The forces of d are no gain times a command"):
-        found = arm(actuators=actuators).drives["elbow"].actuators
-    assert found == (
+        read = arm(actuators).drives["elbow"].actuators
+    assert read == (
         Actuator("m", gear=50, forcerange=(-2, 3)),
         Actuator("p", gear=5, gain=10, kp=10, kv=2),
         Actuator("v", gain=3, kv=3),
         Actuator("actuator3", gain=2, kp=4, kv=5, bias=1),
         Actuator("d", gain=0),
     )
-    assert [each.kind for each in found] == ["motor", "position", "velocity", "general", "general"]
+    assert [each.kind for each in read] == ["motor", "position", "velocity", "general", "general"]
 
 
-@pytest.mark.skipif(not hasattr(mujoco.MjModel, "actuator_armature"), reason="this MuJoCo's actuators have no rotors")
-def test_rotors_of_actuators_count_with_the_square_of_their_gear():
-    actuators = '<motor name="m" joint="shoulder" gear="-10" armature=".02" damping=".003"/>'
-    drive = arm(actuators=actuators).drives["shoulder"]
-    assert (drive.viscous, drive.rotor) == (0.5, 0.0)
-    assert (drive.value("viscous"), drive.value("rotor")) == pytest.approx((0.8, 2.0))
-
-
-@pytest.mark.skipif(not hasattr(mujoco.mjtGain, "mjGAIN_DCMOTOR"), reason="this MuJoCo has no DC motors")
-def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
+@pytest.mark.skipif(not hasattr(mujoco.mjtGain, "mjGAIN_DCMOTOR"), reason="this MuJoCo has no rotors and DC motors")
+def test_motors_have_rotors_friction_and_gains():
+    rotor = arm('<motor name="m" joint="shoulder" gear="-10" armature=".02" damping=".003"/>').drives["shoulder"]
+    assert (rotor.viscous, rotor.rotor) == (0.5, 0.0)
+    assert (rotor.value("viscous"), rotor.value("rotor")) == pytest.approx((0.8, 2.0))
     motor = '<dcmotor name="m" joint="elbow" gear="-10" motorconst=".1 .1" resistance="2" armature=".02" {}/>'
-    drive = arm(actuators=motor.format('lugre="1e4 10 .3 .3 .5"')).drives["elbow"]
+    drive = arm(motor.format('lugre="1e4 10 .3 .3 .5"')).drives["elbow"]
     own = drive.actuators[0]
     assert (own.gain, own.kv, own.kp, own.coulomb) == pytest.approx((0.05, 0.005, 0, 0.3))
     assert drive.value("coulomb") - drive.coulomb == pytest.approx(3.0) and drive.value("rotor") > 2.0 - 1e-12
     assert drive.with_value("coulomb", 3.5).coulomb == pytest.approx(0.5)
     with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
-        arm(actuators=motor.format('lugre="1e4 10 .3 .4 .5"'))
+        arm(motor.format('lugre="1e4 10 .3 .4 .5"'))
     for more in ('cogging="1 2 3"', 'inductance="1 .1"', 'thermal="1 2 3 4 5 6"'):
         with pytest.warns(ModelNote, match="The forces of m are no gain times a command"):
-            assert arm(actuators=motor.format(more)).drives["elbow"].actuators[0].kind == "general"
+            assert arm(motor.format(more)).drives["elbow"].actuators[0].kind == "general"
 
 
 @pytest.mark.parametrize(
     ("drives", "message"),
     [
-        ({"knee": Drive()}, "drives names 'knee', which is none of shoulder, elbow."),
+        ({"knee": Drive()}, "drives names 'knee', which is none of root"),
         ({"elbow": 3}, "drives needs a Drive by the name of each driven freedom"),
         ({"elbow": Drive(viscous=np.nan)}, "Joint 'elbow' needs a finite damping, got nan."),
         ({"elbow": Drive(springref="low")}, "Joint 'elbow' needs a finite spring reference, got low."),
@@ -92,61 +85,50 @@ def test_drives_given_in_python_are_checked(drives, message):
 
 
 def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
-    text = """<mujoco><worldbody><body><joint type="free" name="root" damping="2" stiffness="3"/><geom size=".1"/>
-    </body></worldbody></mujoco>"""
-    found = mechanism(mujoco.MjModel.from_xml_string(text))
-    assert tuple(found.drives) == found.tree.freedoms
-    assert set(found.drives.values()) == {Drive(viscous=2, stiffness=3)}
+    drives = arm().drives
+    assert tuple(drives) == arm().tree.freedoms
+    assert [drive for name, drive in drives.items() if "root" in name] == [Drive(viscous=2, stiffness=3)] * 6
 
 
 URDF = """<robot name="r"><link name="base"/>
 <link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/>{dynamics}</joint>{transmission}</robot>"""
-
-
-def urdf(tmp_path, dynamics="", transmission=""):
-    path = tmp_path / "r.urdf"
-    path.write_text(URDF.format(dynamics=dynamics, transmission=transmission))
-    return mechanism(path)
-
-
-def test_a_urdf_file_states_damping_and_friction(tmp_path):
-    drives = urdf(tmp_path, '<dynamics damping=".3" friction=".4"/>').drives
-    assert drives == {"elbow": Drive(viscous=0.3, coulomb=0.4)}
-    assert not urdf(tmp_path).drives
-    with pytest.raises(ModelError, match=r"^Joint 'elbow' needs a damping of at least 0, got -0.3.$"):
-        urdf(tmp_path, '<dynamics damping="-.3"/>')
+<limit lower="-1" upper="1" effort="1" velocity="1"/>{}</joint><transmission name="t">{}</transmission></robot>"""
+REDUCTION = '<joint name="elbow"/><actuator name="m"><mechanicalReduction>{}</mechanicalReduction></actuator>'
 
 
 @pytest.mark.parametrize(
-    ("inside", "actuator"),
+    ("transmission", "actuator"),
     [
-        ('<joint name="elbow"/><actuator name="m"><mechanicalReduction>50</mechanicalReduction></actuator>', ("m", 50)),
+        (REDUCTION.format(50), ("m", 50)),
         ('<joint name="elbow"/><actuator name="m"/><mechanicalReduction>-2</mechanicalReduction>', ("m", -2)),
         ('<joint name="elbow"><mechanical_reduction>3.5</mechanical_reduction></joint>', ("t", 3.5)),
         ('<joint name="elbow"/><actuator name="m"/>', ("m", 1)),
+        ('<joint name="elbow"/><joint name="wrist"/>', None),
+        ('<joint name="wrist"/>', None),
+        ("", None),
     ],
 )
-def test_a_transmission_is_an_actuator_with_its_reduction_as_gear(tmp_path, inside, actuator):
-    drives = urdf(tmp_path, transmission=f'<transmission name="t">{inside}</transmission>').drives
-    assert drives == {"elbow": Drive(actuators=(Actuator(*actuator),))}
+def test_a_transmission_of_one_joint_is_an_actuator_with_its_reduction_as_gear(written, transmission, actuator):
+    drives = sim.mechanism(written("r.urdf", URDF.format("", transmission))).drives
+    assert drives == ({"elbow": Drive(actuators=(Actuator(*actuator),))} if actuator else {})
 
 
-def test_transmissions_of_several_or_unknown_joints_are_left_out(tmp_path):
-    for joints in ('<joint name="elbow"/><joint name="wrist"/>', '<joint name="wrist"/>', ""):
-        assert not urdf(tmp_path, transmission=f'<transmission name="t">{joints}</transmission>').drives
+def test_a_urdf_file_states_damping_friction_and_reductions_as_numbers(written):
+    drives = sim.mechanism(written("r.urdf", URDF.format('<dynamics damping=".3" friction=".4"/>', ""))).drives
+    assert drives == {"elbow": Drive(viscous=0.3, coulomb=0.4)}
+    needed = "transmission 't' needs a reduction that is a finite number other than 0, got '{}'."
+    for dynamics, transmission, message in (
+        ('<dynamics damping="-.3"/>', "", "Joint 'elbow' needs a damping of at least 0, got -0.3."),
+        *(("", REDUCTION.format(x), needed.format(x)) for x in ("fifty", "0", "inf")),
+    ):
+        path = written("r.urdf", URDF.format(dynamics, transmission))
+        assert sentence_of(sim.mechanism, path).endswith(message)
 
 
-@pytest.mark.parametrize("stated", ["fifty", "0", "inf"])
-def test_a_reduction_is_a_number(tmp_path, stated):
-    inside = f'<joint name="elbow"/><actuator name="m"><mechanicalReduction>{stated}</mechanicalReduction></actuator>'
-    with pytest.raises(ModelError, match=rf"transmission 't' needs a reduction that is .* got '{stated}'\.$"):
-        urdf(tmp_path, transmission=f'<transmission name="t">{inside}</transmission>')
-
-
-def leg(tmp_path, *forces, **options):
-    """A leg in OpenSim's format: a hip, a locked ankle, and a kneecap that follows the knee."""
+@pytest.fixture
+def leg(written):
+    """Reads a leg in OpenSim's format with forces: a hip, a locked ankle, and a kneecap that follows the knee."""
     joints = [
         Joint("PinJoint", "a", "ground", "thigh", [coordinate("hip")]),
         Joint("PinJoint", "b", "thigh", "shank", [coordinate("knee")]),
@@ -155,21 +137,26 @@ def leg(tmp_path, *forces, **options):
     ]
     phi = {joint.child: np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0]) for joint in joints}
     text = document(joints, phi, constraints=coupler("knee", "kneecap", linear(0.5)))
-    path = tmp_path / "leg.osim"
-    path.write_text(text.replace("<ForceSet><objects>", f"<ForceSet><objects>{''.join(forces)}"))
-    return sim.mechanism(path, **options)
+
+    def read(*forces, **options):
+        path = written("leg.osim", text.replace("<ForceSet><objects>", f"<ForceSet><objects>{''.join(forces)}"))
+        return sim.mechanism(path, **options)
+
+    return read
 
 
-def force(kind, name, on, **numbers):
+def spring(name, on, kind="SpringGeneralizedForce", **numbers):
     inside = "".join(f"<{key}>{x}</{key}>" for key, x in numbers.items())
     return f'<{kind} name="{name}"><coordinate>{on}</coordinate>{inside}</{kind}>'
 
 
-def spring(name, on, **numbers):
-    return force("SpringGeneralizedForce", name, on, **numbers)
+def stop(degrees):
+    limits = {"upper_limit": degrees, "lower_limit": -degrees}
+    stiff = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
+    return spring("stop", "hip", "CoordinateLimitForce", **limits, **stiff)
 
 
-def test_springs_and_dampers_of_coordinates_are_drives(tmp_path):
+def test_springs_and_dampers_of_coordinates_are_drives(leg):
     forces = (
         spring("s", "hip", stiffness=3, rest_length=0.25, viscosity=0.4),
         spring("u", "/jointset/a/hip", stiffness=1, rest_length=-0.75, viscosity=0.1),
@@ -177,22 +164,16 @@ def test_springs_and_dampers_of_coordinates_are_drives(tmp_path):
         spring("off", "knee", viscosity=1, appliesForce="false"),
         spring("old", "knee", viscosity=1, isDisabled="true"),
         spring("locked", "ankle", stiffness=9),
+        stop(86),
     )
-    drives = leg(tmp_path, *forces).drives
+    drives = leg(*forces).drives
     assert drives == {"hip": Drive(viscous=0.5, stiffness=4, springref=0.0), "knee": Drive(viscous=0.7)}
-    assert leg(tmp_path, *forces, fix={"hip": []}).drives.keys() == {"knee"}
-    assert not leg(tmp_path, *forces, drives=False).drives
-    assert not leg(tmp_path).drives
-
-
-def test_forces_of_coordinates_that_are_left_out_are_noted(tmp_path):
+    assert leg(*forces, fix={"hip": []}).drives.keys() == {"knee"}
+    assert not leg(*forces, drives=False).drives
     with pytest.warns(ModelNote, match="The springs s of coordinates that follow others are left out"):
-        assert not leg(tmp_path, spring("s", "kneecap", stiffness=1)).drives
-    limit = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
+        assert not leg(spring("s", "kneecap", stiffness=1)).drives
     with pytest.warns(ModelNote, match="The forces stop begin inside their coordinates' ranges"):
-        leg(tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=60, lower_limit=-90, **limit))
-    beyond = force("CoordinateLimitForce", "stop", "hip", upper_limit=86, lower_limit=-86, **limit)
-    assert not leg(tmp_path, beyond).drives
+        leg(stop(60))
 
 
 @pytest.mark.parametrize(
@@ -203,5 +184,5 @@ def test_forces_of_coordinates_that_are_left_out_are_noted(tmp_path):
         (spring("s", "toe"), "<SpringGeneralizedForce name=\"s\"> needs a coordinate of the model, got 'toe'."),
     ],
 )
-def test_bad_springs_are_refused(tmp_path, force, message):
-    assert message in sentence_of(leg, tmp_path, force)
+def test_bad_springs_are_refused(leg, force, message):
+    assert message in sentence_of(leg, force)

@@ -7,6 +7,7 @@ from commands import refusal
 
 import sim
 from experiments import excite, identify
+from ident.geometry.se3 import pose
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
 from sim.models.notes import ModelNote
@@ -41,22 +42,16 @@ def test_what_to_type_is_said(tmp_path, capsys):
     assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
 
 
-UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
-<body><geom size=".1"/><site/>
-<body name="body1" pos="0 0 .3"><joint name="joint1" axis="1 0 0" range="-100 100"/><geom size=".1"/>
-<body pos="0 0 .3"><joint axis="0 1 0" range="-100 100"/><geom size=".1" pos="0 0 .5"/></body></body></body></worldbody>
-<actuator><position joint="joint1" kp="500" kv="50"/></actuator>
-<sensor><jointpos joint="joint1"/></sensor></mujoco>"""
+UNNAMED = """<mujoco><worldbody><body><geom size=".1"/><site/>
+<body name="body1" pos="0 0 .3"><joint name="joint1" axis="1 0 0"/><geom size=".1"/>
+<body pos="0 0 .3"><joint axis="0 1 0"/><geom size=".1"/></body></body></body></worldbody></mujoco>"""
 """The first body and the second joint have no names, and their default names are taken by others."""
 
 
-def test_joints_without_names_are_excited(tmp_path):
-    path = tmp_path / "unnamed.xml"
-    path.write_text(UNNAMED, encoding="utf-8")
-    arguments = [str(path), "--base", "body1_", "--seconds", "4", "--starts", "1", "--iterations", "2"]
-    assert excite.main([*arguments, "--collisions", "ignore", "--formats", "png", "--out", str(tmp_path)]) == 0
-    channels = Recording.load(next(tmp_path.rglob("trajectory.npz"))).measured
-    assert {"joint1_position", "joint1__position"} <= set(channels)
+def test_joints_without_names_have_names_of_their_own():
+    arm = mechanism(mujoco.MjSpec.from_string(UNNAMED), "body1_")
+    assert arm.joints == ("joint1", "joint1_") and arm.bodies == ("body1_", "body1", "body3")
+    assert arm.sites.keys() == {"site0"}
 
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body name="base"><geom size=".1"/>
@@ -70,28 +65,24 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body n
 
 @pytest.mark.parametrize("base", [None, "base", "plinth"])
 @pytest.mark.parametrize("fix", [None, {"lift": [0.4]}])
-def test_sites_stay_in_place_where_welds_are_merged(base, fix):
-    kept, merged = (
-        mechanism(mujoco.MjSpec.from_string(ARM), base, merge_welds=merge, fix=fix) for merge in (False, True)
-    )
-    assert len(merged.bodies) < len(kept.bodies) and kept.sites.keys() == merged.sites.keys()
-    q = np.array([*([] if fix else [0.3]), 0.5, 0.5, 0.5, 0.5, 0.1])
-    for name in kept.sites:
-        places = [m.tree.poses(q)[m.tree.names.index(m.site(name)[0])] @ m.site(name)[1] for m in (kept, merged)]
-        np.testing.assert_allclose(*places, atol=1e-12)
-
-
-def test_a_site_is_where_mujoco_has_it():
-    arm, model = mechanism(mujoco.MjSpec.from_string(ARM), "base"), mujoco.MjModel.from_xml_string(ARM)
+def test_sites_are_where_mujoco_has_them_also_where_welds_are_merged(base, fix):
+    model, spec = mujoco.MjModel.from_xml_string(ARM), mujoco.MjSpec.from_string(ARM)
     data = mujoco.MjData(model)
-    data.qpos[:] = [0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
+    data.qpos[:] = [0.4 if fix else 0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
     mujoco.mj_kinematics(model, data)
-    body, pose = arm.site("tip")
-    computed = arm.tree.poses(data.qpos)[arm.tree.names.index(body)] @ pose
-    np.testing.assert_allclose(computed[:3, 3], data.site("tip").xpos, atol=1e-12)
-    np.testing.assert_allclose(computed[:3, :3].ravel(), data.site("tip").xmat, atol=1e-12)
-    with pytest.raises(ValueError, match="no site named 'wall'; its sites are low, tip"):
-        arm.site("wall")
+    home = pose(data.body(base or "world").xmat.reshape(3, 3), data.body(base or "world").xpos)
+    kept, merged = (mechanism(spec, base, merge_welds=merge, fix=fix) for merge in (False, True))
+    assert len(merged.bodies) < len(kept.bodies) and merged.bodies == merged.tree.names
+    assert {"low", "tip"} <= kept.sites.keys() == merged.sites.keys()
+    for arm in (kept, merged):
+        poses = home @ arm.tree.poses(data.qpos[len(fix or ()) :])
+        for name in arm.sites:
+            body, place = arm.site(name)
+            T = poses[arm.tree.names.index(body)] @ place
+            np.testing.assert_allclose(T[:3, 3], data.site(name).xpos, atol=1e-12)
+            np.testing.assert_allclose(T[:3, :3].ravel(), data.site(name).xmat, atol=1e-12)
+        with pytest.raises(ValueError, match="no site named 'gone'; its sites are "):
+            arm.site("gone")
 
 
 def test_a_model_without_mass_is_a_mechanism_without_a_prior():
@@ -114,7 +105,7 @@ def arm(*, mass=1.0, length=1.0, inertia=1.0):
 
 
 @pytest.mark.parametrize(
-    ("factors", "told"),
+    ("factors", "noted"),
     [
         ({"length": 1e3}, "'fore' from its parent at 300 m: its lengths may be in mm"),
         ({"inertia": 1e4}, "upper .*, fore .*: their inertias may be in kg cm²"),
@@ -126,7 +117,7 @@ def arm(*, mass=1.0, length=1.0, inertia=1.0):
         ({"mass": 1e3, "inertia": 1e9}, "or in g mm² with masses in g"),
     ],
 )
-def test_a_unit_that_no_material_allows_is_noted_with_the_body(factors, told):
-    with pytest.warns(ModelNote, match=told) as notes:
+def test_a_unit_that_no_material_allows_is_noted_with_the_body(factors, noted):
+    with pytest.warns(ModelNote, match=noted) as notes:
         arm(**factors)
     assert [each.filename for each in notes] == [__file__]

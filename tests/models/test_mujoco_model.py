@@ -1,3 +1,5 @@
+"""Trees, gravity, drives and couplings of MuJoCo models."""
+
 import mujoco
 import numpy as np
 import pytest
@@ -6,13 +8,8 @@ from random_models import inverse_dynamics
 from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from sim.models.couplings import check_torques
-from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
-
-
-def world(bodies):
-    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
 
 
 def model(body, before="", after=""):
@@ -21,49 +18,28 @@ def model(body, before="", after=""):
 
 
 ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
-TOOL = ARM.replace("</body>", '<body name="tool" pos="0 0 .2"><geom size=".1"/></body></body>')
 SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"/></body>'
 HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
 
 
-def test_welded_bodies_are_kept_or_merged():
-    m = model(TOOL)
-    kept, merged = (mechanism(m, "base", merge_welds=merge) for merge in (False, True))
-    assert kept.bodies == ("base", "arm", "tool")
-    assert merged.bodies == merged.tree.names == ("base", "arm")
-    states = np.random.default_rng(0).normal(size=(3, 7, 1))
-    expected, computed = (base_wrench_regressor(x.tree, *states, gravity=x.gravity) @ x.known for x in (kept, merged))
-    np.testing.assert_allclose(computed, expected, atol=1e-12 * abs(expected).max())
+@pytest.mark.parametrize(("joint", "gravity"), [("", [0, -9.81, 0]), ("<joint/>", [0, 0, -9.81])])
+def test_gravity_is_turned_with_a_base_at_rest(joint, gravity):
+    turned = f'<body euler="90 0 0"><body name="base" euler="0 90 0">{joint}<geom size=".1"/></body></body>'
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{turned}</worldbody></mujoco>")
+    np.testing.assert_allclose(gravity_in_base(m, "base"), gravity, atol=1e-12)
 
 
-def test_gravity_is_turned_with_a_base_at_rest():
-    turned = '<body euler="90 0 0"><body name="base"{}>{}<geom size=".1"/></body></body>'
-    fixed = world(turned.format(' euler="0 90 0"', ""))
-    np.testing.assert_allclose(gravity_in_base(fixed, "base"), [0, -9.81, 0], atol=1e-12)
-    moving = world(turned.format("", "<joint/>"))
-    np.testing.assert_allclose(gravity_in_base(moving, "base"), [0, 0, -9.81])
-
-
-def test_rotors_and_viscous_friction_are_mujocos_armature_and_damping():
-    joints = (
-        '<joint name="u" armature=".3" damping=".7"/>',
-        '<joint name="w" axis="1 0 0" armature=".2" damping=".1"/>',
-    )
-    m = model(HINGES.replace('<joint name="u"/><joint name="w" axis="1 0 0"/>', "".join(joints)))
-    tree = tree_from_model(m)
+def test_rotors_and_viscous_friction_are_mujocos_and_coulomb_friction_has_the_sign_of_the_velocity():
+    driven = HINGES.replace('name="u"', 'name="u" armature=".3" damping=".7"')
+    m = model(driven.replace('name="w"', 'name="w" armature=".2" damping=".1"'))
+    tree, drive = tree_from_model(m), ("rotor", "viscous", "coulomb")
     states = np.random.default_rng(0).normal(size=(3, 20, 2))
+    states[1][:, 0] = 0
     forces, _ = inverse_dynamics(m, *states)
-    Y = joint_torque_regressor(tree, *states, gravity=m.opt.gravity, drive=("rotor", "viscous"))
-    phi = np.concatenate([parameters_from_model(m), m.dof_armature, m.dof_damping])
-    np.testing.assert_allclose(Y @ phi, forces, atol=1e-12)
-    assert drive_names(tree, ("rotor", "viscous")) == ("Ia(u)", "Ia(w)", "Fv(u)", "Fv(w)")
-
-
-def test_coulomb_friction_has_the_sign_of_the_velocity():
-    tree = tree_from_model(model(HINGES))
-    dq = np.array([[1.0, -2.0], [0.0, 3.0]])
-    Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
-    np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
+    Y = joint_torque_regressor(tree, *states, gravity=m.opt.gravity, drive=drive)
+    phi = np.concatenate([parameters_from_model(m), m.dof_armature, m.dof_damping, [2, 3]])
+    np.testing.assert_allclose(Y @ phi, forces + [2, 3] * np.sign(states[1]), atol=1e-12)
+    assert drive_names(tree, drive) == ("Ia(u)", "Ia(w)", "Fv(u)", "Fv(w)", "Fc(u)", "Fc(w)")
 
 
 LOOP = '<equality><connect name="loop" body1="arm" body2="world" anchor="0 0 0"/></equality>'
@@ -74,6 +50,10 @@ CABLE = '<tendon><fixed name="cable" limited="true" range="0 1"><joint joint="el
 ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
 NAIL = '<site name="nail"/>'
 ON_BASE = '<site name="nail" pos="0 0 1"/>'
+PULLEY = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
+NAILS = '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>'
+BELT = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
+FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
 
 
 @pytest.mark.parametrize(
@@ -82,6 +62,7 @@ ON_BASE = '<site name="nail" pos="0 0 1"/>'
         (model(ARM, after=LOOP), "loop", r"equality \(connect\)"),
         (model(SITES, NAIL, WELD), "grip", r"equality \(weld\)"),
         (model(SITES, NAIL, ROPE), "tendon0", "tendon"),
+        (model(PULLEY, NAILS, BELT), "belt", "tendon"),
     ],
 )
 def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(m, name, kind):
@@ -120,19 +101,6 @@ def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed()
     assert tree_from_model(m, "base", fix={"u": [], "w": [0.3]}).joints == ("elbow",)
     with pytest.warns(ModelNote, match="spring"):
         tree_from_model(m, "base", fix={"w": []})
-
-
-WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
-
-
-FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
-
-
-def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
-    around = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
-    m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
-    with pytest.raises(ModelError, match="tendon 'belt'"):
-        tree_from_model(m, "base")
     with pytest.warns(ModelNote, match="flex 'cloth'"):
         tree_from_model(model(FLEX))
 

@@ -2,11 +2,11 @@
 
 import json
 import re
-import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+import opensim_files
 import pytest
 from commands import sentence_of
 from mechanisms import random_phi
@@ -21,18 +21,13 @@ from sim.models.opensim.elements import CLOSE, curve
 
 DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]
+pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+read = sim.mechanism
 
 
-def read(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelNote)
-        return sim.mechanism(path, **options)
-
-
-def written(tmp_path, text, name="model.osim", encoding="utf-8"):
-    path = tmp_path / name
-    path.write_text(text, encoding=encoding)
-    return path
+@pytest.fixture
+def stated(written):
+    return lambda text, **options: read(written("model.osim", text), **options)
 
 
 @pytest.mark.parametrize("version", [3, 4])
@@ -57,25 +52,6 @@ def test_opensim_computes_the_same(version):
         np.testing.assert_allclose(computed, expected, atol=3e-4 * abs(expected).max())
 
 
-def test_both_versions_are_the_same_mechanism(tmp_path):
-    old, new = (read(written(tmp_path, every_kind(5, version)[0])) for version in (3, 4))
-    assert old.tree == new.tree
-    np.testing.assert_array_equal(old.prior, new.prior)
-    assert old.sites.keys() == new.sites.keys() == {"marker0", "marker1", "marker2"}
-
-
-def knee(tmp_path, functions, limits=(-2.0, 0.1), **options):
-    """A shin on a thigh, moved by `bend` through three functions: along x, along y, and about z."""
-    x, y, z = functions
-    axes = [*ROTATIONS[:2], ("bend", [0, 0, 1], z), ("bend", [1, 0, 0], x), ("bend", [0, 1, 0], y), ROTATIONS[2]]
-    joints = [
-        Joint("PinJoint", "hip", "ground", "thigh", [coordinate("hip")]),
-        Joint("CustomJoint", "knee", "thigh", "shin", [coordinate("bend", limits=limits)], spatial(axes)),
-    ]
-    phi = dict(zip(("thigh", "shin"), random_phi(np.random.default_rng(0), 2).reshape(-1, 10), strict=True))
-    return written(tmp_path, document(joints, phi, **options))
-
-
 @pytest.mark.parametrize("kind", ["SimmSpline", "NaturalCubicSpline"])
 def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(kind):
     cubic, x = Polynomial([0.3, -0.2, 0.5, 0.7]), np.array([-1, -0.6, 0.1, 0.4, 1.3])
@@ -97,25 +73,31 @@ def test_tables_need_two_points_or_more_that_rise(kind):
             curve(ET.fromstring(table(x, y, kind)))
 
 
-def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
-    angles = np.linspace(-2.1, 0.2, 6)
+def test_tables_become_polynomials_and_the_distance_is_stated(written):
+    """A shin on a thigh, moved along x and y by tables, and about z."""
+    angles, corners = np.linspace(-2.1, 0.2, 6), ([-2.1, -1, 0.2], [0.1, 0, 0.3])
     shift = table(angles, [-0.0032, 0.0018, 0.0041, 0.0021, -0.0020, -0.0045])
-    path = knee(tmp_path, (shift, table([-2.1, -1, 0.2], [0.1, 0, 0.3], "PiecewiseLinearFunction"), linear(1)))
+    moves = [("bend", [0, 0, 1], linear(1)), ("bend", [1, 0, 0], shift)]
+    axes = [*ROTATIONS[:2], *moves, ("bend", [0, 1, 0], table(*corners, "PiecewiseLinearFunction")), ROTATIONS[2]]
+    joints = [
+        Joint("PinJoint", "hip", "ground", "thigh", [coordinate("hip")]),
+        Joint("CustomJoint", "knee", "thigh", "shin", [coordinate("bend", limits=(-2.0, 0.1))], spatial(axes)),
+    ]
+    phi = dict(zip(("thigh", "shin"), random_phi(np.random.default_rng(0), 2).reshape(-1, 10), strict=True))
     with pytest.warns(ModelNote, match=r"polynomials here, off by at most [\d.]+ mm \(knee, translation2\)\.") as notes:
-        arm = sim.mechanism(path)
+        arm = read(written("model.osim", document(joints, phi)))
     bend = np.linspace(-2, 0.1, 50)
     poses = arm.tree.poses(np.column_stack([0 * bend, bend]))[:, arm.tree.names.index("shin"), :3, 3]
     at_knots = np.interp(angles[1:-1], bend, poses[:, 0])
     np.testing.assert_allclose(at_knots, [0.0018, 0.0041, 0.0021, -0.0020], atol=2e-4)
     distance = float(re.search(r"most ([\d.]+) mm", str(notes[0].message))[1]) / 1e3
-    assert abs(poses[:, 1] - np.interp(bend, [-2.1, -1, 0.2], [0.1, 0, 0.3])).max() <= 1.02 * distance
+    assert abs(poses[:, 1] - np.interp(bend, *corners)).max() <= 1.02 * distance
     assert arm.ranges["bend"] == (-2.0, 0.1)
 
 
-def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(tmp_path):
-    arm = read(written(tmp_path, every_kind(2)[0]))
+def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(stated):
+    arm, fixed = (stated(every_kind(2)[0], fix=fix) for fix in (None, {"slip": [], "bend": [0.3]}))
     assert not {"jaw_0", "beta_0"} & set(arm.tree.joints)
-    fixed = read(tmp_path / "model.osim", fix={"slip": [], "bend": [0.3]})
     assert not {"slip", "bend"} & set(fixed.tree.joints)
     q = np.zeros(len(arm.tree.joints))
     q[arm.tree.joints.index("bend")] = 0.3
@@ -123,9 +105,9 @@ def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_to
     np.testing.assert_allclose(arm.tree.poses(q)[-1], fixed.tree.poses(still)[-1], atol=1e-12)
 
 
-def test_a_base_carries_its_part_of_the_model(tmp_path):
-    path = written(tmp_path, every_kind(3)[0])
-    whole, leg = read(path), read(path, base="thigh")
+def test_a_base_carries_its_part_of_the_model(stated):
+    text = every_kind(3)[0]
+    whole, leg = (stated(text, base=base) for base in (None, "thigh"))
     assert leg.bodies == ("thigh", "shank", "patella", "foot", "toes")
     assert leg.tree.joints == ("slip", "bend", "ankle_0", "ankle_1")
     np.testing.assert_array_equal(leg.gravity, whole.gravity)
@@ -134,8 +116,8 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
     own = leg.tree.poses(q[[whole.tree.joints.index(joint) for joint in leg.tree.joints]])
     expected = np.linalg.inv(poses[whole.tree.names.index("thigh")]) @ poses[whole.tree.names.index("toes")]
     np.testing.assert_allclose(own[leg.tree.names.index("toes")], expected, atol=1e-12)
-    with pytest.raises(ModelError, match=r"led\.osim.*follows 'bend', which is not on it"):
-        read(written(tmp_path, every_kind(3)[0].replace("name>beta_0", "name>ankle_0"), "led.osim"), base="shank")
+    led = sentence_of(stated, text.replace("name>beta_0", "name>ankle_0"), base="shank")
+    assert "model.osim" in led and "follows 'bend', which is not on it" in led
 
 
 @pytest.mark.parametrize(
@@ -156,30 +138,24 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
         ("<independent_coordinate_names>bend", "<independent_coordinate_names>beta_0", "each other in a circle"),
     ],
 )
-def test_what_cannot_be_read_is_named(tmp_path, old, new, message):
+def test_what_cannot_be_read_is_named(written, old, new, message):
     text = every_kind(1)[0]
     assert old in text
-    path = written(tmp_path, text.replace(old, new))
+    path = written("model.osim", text.replace(old, new))
     sentence = sentence_of(read, path)
     assert sentence.startswith(str(path)) and re.search(message, sentence)
 
 
+END_3 = """<body_{k}>{body}</body_{k}><location_body_{k}>{x} 0 0</location_body_{k}>
+<orientation_body_{k}>0 0 0.7</orientation_body_{k}>"""
+END_4 = """<socket_frame{k}>end{k}</socket_frame{k}><frames><PhysicalOffsetFrame name="end{k}">
+<socket_parent>{path}</socket_parent><translation>{x} 0 0</translation><orientation>0 0 0.7</orientation>
+</PhysicalOffsetFrame></frames>"""
+
+
 @pytest.mark.parametrize("version", [3, 4])
-def test_a_weld_closes_a_loop(tmp_path, version):
+def test_a_weld_closes_a_loop(stated, version):
     """A coupler in halves, one on the crank and one on the rocker, whose frames are turned by half a right angle."""
-    if version == 3:
-        ends = "".join(
-            f"<body_{k}>{name}</body_{k}><location_body_{k}>{x} 0 0</location_body_{k}>"
-            f"<orientation_body_{k}>0 0 0.7</orientation_body_{k}>"
-            for k, name, x in ((1, "rod", 0.2), (2, "half", -0.2))
-        )
-    else:
-        ends = "".join(f"<socket_frame{k}>{name}_end</socket_frame{k}>" for k, name in ((1, "rod"), (2, "half")))
-        ends += "".join(
-            f'<frames><PhysicalOffsetFrame name="{name}_end"><socket_parent>/bodyset/{name}</socket_parent>'
-            f"<translation>{x} 0 0</translation><orientation>0 0 0.7</orientation></PhysicalOffsetFrame></frames>"
-            for name, x in (("rod", 0.2), ("half", -0.2))
-        )
     at = lambda *x: (np.array(x), np.zeros(3))  # noqa: E731
     joints = [
         Joint("PinJoint", "one", "ground", "crank", [coordinate("crank")]),
@@ -189,69 +165,66 @@ def test_a_weld_closes_a_loop(tmp_path, version):
     ]
     names = "crank", "rod", "rocker", "half"
     phi = dict(zip(names, random_phi(np.random.default_rng(0), 4).reshape(4, 10), strict=True))
-    weld = f'<WeldConstraint name="glue"><isEnforced>true</isEnforced>{ends}</WeldConstraint>'
-    arm = read(written(tmp_path, document(joints, phi, version=version, constraints=weld)))
+
+    def joined(kind, second):
+        end = END_3 if version == 3 else END_4
+        ends = end.format(k=1, body="rod", path=opensim_files.path("rod"), x=0.2)
+        ends += end.format(k=2, body=second, path=opensim_files.path(second), x=-0.2)
+        constraint = f'<{kind} name="glue"><isEnforced>true</isEnforced>{ends}</{kind}>'
+        return document(joints, phi, version=version, constraints=constraint)
+
     x = np.linspace(-1, 1, 7)[:, None]
-    tree = arm.closed(("rod", "rocker", "half")).tree
+    tree = stated(joined("WeldConstraint", "half")).closed(("rod", "rocker", "half")).tree
     assert tree.joints == ("crank",)
     np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x, -x]), atol=1e-9)
-    ends = ends.replace("/bodyset/half<", "/ground<") if version == 4 else ends.replace(">half<", ">ground<")
-    held = weld.replace(weld[weld.index("</isEnforced>") + 13 : weld.index("</WeldConstraint>")], ends)
-    held = held.replace("WeldConstraint", "PointConstraint")
     with pytest.raises(ModelError, match=r'<PointConstraint name="glue"> reaches outside the .* --ignore glue'):
-        read(written(tmp_path, document(joints, phi, version=version, constraints=held)))
+        stated(joined("PointConstraint", "ground"))
 
 
-def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
-    arm = read(written(tmp_path, every_kind(1)[0]), ignore=["couple_beta_0"])
-    assert "beta_0" in arm.tree.joints
+def test_an_ignored_constraint_lets_its_coordinate_go(stated):
+    assert "beta_0" in stated(every_kind(1)[0], ignore=["couple_beta_0"]).tree.joints
     with pytest.raises(ModelError, match="no enforced constraint named gone; it has couple_beta_0"):
-        read(tmp_path / "model.osim", ignore=["gone"])
+        stated(every_kind(1)[0], ignore=["gone"])
 
 
 @pytest.mark.parametrize("version", [3, 4])
-def test_a_file_is_written_back_with_nothing_else_changed(tmp_path, version):
-    path = written(tmp_path, every_kind(7, version)[0].replace("<mass_center> ", "<mass_center><!-- kept? -->", 1))
-    arm = read(path)
-    phi = arm.prior.copy()
-    sim.write_model(tmp_path / "same.osim", arm, phi)
-    assert (tmp_path / "same.osim").read_bytes() == path.read_bytes()
+def test_a_file_is_written_back_with_nothing_else_changed(written, version):
+    path = written("model.osim", every_kind(7, version)[0].replace("<mass_center> ", "<mass_center><!-- kept? -->", 1))
+    arm, new = read(path), path.with_name("new.osim")
+    sim.write_model(new, arm, arm.prior.copy())
+    assert new.read_bytes() == path.read_bytes()
     phi = random_phi(np.random.default_rng(1), len(arm.bodies))
     phi[10:20] = arm.prior[10:20]
-    sim.write_model(tmp_path / "new.osim", arm, phi)
-    again = read(tmp_path / "new.osim")
+    sim.write_model(new, arm, phi)
+    again = read(new)
     np.testing.assert_allclose(again.prior, phi, rtol=1e-9, atol=1e-9)
     assert again.tree == arm.tree
     blank = r"(<(mass|mass_center|inertia(_..)?)>)[^<]*(?:<!--.*?-->)?[^<]*(</\2>)"
-    texts = [(tmp_path / name).read_text(encoding="utf-8") for name in ("model.osim", "new.osim")]
-    before, after = (re.sub(blank, r"\1\4", text) for text in texts)
-    assert before == after
-    assert "<mass>7</mass>" in texts[1]
+    before, after = (re.sub(blank, r"\1\4", each.read_text(encoding="utf-8")) for each in (path, new))
+    assert before == after and "<mass>7</mass>" in new.read_text(encoding="utf-8")
 
 
-def test_numbers_that_a_file_leaves_out_are_written_where_they_belong(tmp_path):
-    text = every_kind(1)[0]
-    text = re.sub(r"<mass_center>[^<]*</mass_center>", "<mass_center/>", text, count=1)
-    text = re.sub(r"<inertia>[^<]*</inertia>", "", text, count=1)
-    path = written(tmp_path, text)
-    arm = read(path)
-    phi = random_phi(np.random.default_rng(1), len(arm.bodies))
-    sim.write_model(tmp_path / "new.osim", arm, phi)
-    np.testing.assert_allclose(read(tmp_path / "new.osim").prior, phi, rtol=1e-9, atol=1e-9)
+def test_numbers_that_a_file_leaves_out_are_written_where_they_belong(written):
+    text = re.sub(r"<mass_center>[^<]*</mass_center>", "<mass_center/>", every_kind(1)[0], count=1)
+    path = written("model.osim", re.sub(r"<inertia>[^<]*</inertia>", "", text, count=1))
+    phi = random_phi(np.random.default_rng(1), 10)
+    sim.write_model(path.with_name("new.osim"), read(path), phi)
+    np.testing.assert_allclose(read(path.with_name("new.osim")).prior, phi, rtol=1e-9, atol=1e-9)
 
 
-def test_what_cannot_be_written_is_said(tmp_path):
-    path = written(tmp_path, every_kind(1)[0])
-    wide = written(tmp_path, every_kind(1)[0].replace("UTF-8", "UTF-16"), "wide.osim", "utf-16")
+def test_what_cannot_be_written_is_said(written, tmp_path):
+    path = written("model.osim", every_kind(1)[0])
+    wide = tmp_path / "wide.osim"
+    wide.write_text(every_kind(1)[0].replace("UTF-8", "UTF-16"), encoding="utf-16")
     arm, new = read(path), tmp_path / "new.osim"
-    for call, given, message in (
-        (sim.write_model, (tmp_path / "model.xml", arm, arm.prior), r"write 'model.osim' instead"),
-        (sim.write_model, (new, arm, np.r_[-1.0, arm.prior[1:]]), "'pelvis' are not those of a physical body"),
-        (sim.write_model, (new, arm, arm.prior[:-10]), "need 100 finite parameters"),
-        (sim.write_model, (new, arm, "heavier"), "phi needs φ of the bodies"),
-        (sim.updated_spec, (arm, arm.prior), "no MuJoCo specification"),
-        (sim.write_model, (new, read(wide), 2 * arm.prior), "save it in UTF-8"),
-        (sim.tree_from_model, (path,), "MuJoCo reads no OpenSim files"),
+    for call, *given, message in (
+        (sim.write_model, tmp_path / "model.xml", arm, arm.prior, r"write 'model.osim' instead"),
+        (sim.write_model, new, arm, np.r_[-1.0, arm.prior[1:]], "'pelvis' are not those of a physical body"),
+        (sim.write_model, new, arm, arm.prior[:-10], "need 100 finite parameters"),
+        (sim.write_model, new, arm, "heavier", "phi needs φ of the bodies"),
+        (sim.updated_spec, arm, arm.prior, "no MuJoCo specification"),
+        (sim.write_model, new, read(wide), 2 * arm.prior, "save it in UTF-8"),
+        (sim.tree_from_model, path, "MuJoCo reads no OpenSim files"),
     ):
         assert message in sentence_of(call, *given)
     assert not new.exists()

@@ -37,63 +37,38 @@ def test_velocities_and_accelerations_are_the_derivatives():
     np.testing.assert_array_equal(drawn.with_noise(3).trajectory(time, np.random.default_rng(1))[0], q)
 
 
-def random_trajectory(harmonics=5, joints=3, duration=7.3):
-    rng = np.random.default_rng(harmonics)
-    return FourierTrajectory(duration, rng.normal(size=joints), rng.normal(size=(joints, 2 * harmonics - 2)))
-
-
-@pytest.mark.parametrize("harmonics", [2, 3, 5, 12])
-def test_it_rests_at_both_ends_and_returns(harmonics):
-    q, dq, ddq = random_trajectory(harmonics).states(np.array([0, 7.3]))
-    np.testing.assert_allclose(dq, 0, atol=1e-12)
-    np.testing.assert_allclose(ddq, 0, atol=1e-11)
-    np.testing.assert_allclose(q[0], q[1], atol=1e-12)
-
-
-def test_derivatives_are_those_of_finite_differences():
-    trajectory, time, h = random_trajectory(), np.linspace(0, 7.3, 50), 1e-5
-    before, now, after = (trajectory.states(time + shift) for shift in (-h, 0, h))
+@pytest.mark.parametrize("harmonics", [2, 5, 12])
+def test_a_fourier_trajectory_rests_at_both_ends_returns_and_has_its_derivatives(harmonics):
+    rng, h = np.random.default_rng(harmonics), 1e-5
+    trajectory = FourierTrajectory(7.3, rng.normal(size=3), rng.normal(size=(3, 2 * harmonics - 2)))
+    q, dq, ddq = trajectory.states(np.array([0, 7.3]))
+    np.testing.assert_allclose(np.stack([dq, ddq, q - q[0]]), 0, atol=1e-11)
+    before, now, after = (trajectory.states(np.linspace(0, 7.3, 50) + shift) for shift in (-h, 0, h))
     for k in (0, 1):
-        np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=1e-7)
-
-
-def convex(rng, n, w):
-    """A quadratic function plus one of fourth order, and its gradient, of points (n, w)."""
-    root, pull = rng.normal(size=(n * w, n * w)), 5 * rng.normal(size=n * w)
-
-    def function(x):
-        flat = x.ravel()
-        value = np.sum((root @ flat) ** 2) / 2 + np.sum(flat**4) / 4 - pull @ flat
-        return float(value), (root.T @ root @ flat + flat**3 - pull).reshape(x.shape)
-
-    return function
+        np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=2e-6)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
-    rng = np.random.default_rng(seed)
+    """Of a quadratic function plus one of fourth order."""
+    rng, visited = np.random.default_rng(seed), []
     n, m, w = 3, 12, 4
-    function, limits = convex(rng, n, w), rng.normal(size=(n, m, w))
-    visited = []
+    root, pull, limits = rng.normal(size=(n * w, n * w)), 5 * rng.normal(size=n * w), rng.normal(size=(n, m, w))
 
-    def watched(x):
-        visited.append(abs(np.einsum("nmw,nw->nm", limits, x)).max())
-        return function(x)
+    def function(x):
+        visited.append(abs(np.einsum("nmw,nw->nm", limits, x.reshape(n, w))).max())
+        flat = x.ravel()
+        value = np.sum((root @ flat) ** 2) / 2 + np.sum(flat**4) / 4 - pull @ flat
+        return float(value), (root.T @ root @ flat + flat**3 - pull).reshape(x.shape)
 
-    x = minimum(watched, np.zeros((n, w)), limits, 400)
+    x = minimum(function, np.zeros((n, w)), limits, 400)
+    assert max(visited) < 1
     rows = np.zeros((n, m, n, w))
     rows[range(n), :, range(n)] = limits
-    rows = rows.reshape(n * m, n * w)
-    rows = np.vstack([rows, -rows])
-    theirs = minimize(
-        lambda x: function(x.reshape(n, w))[0],
-        np.zeros(n * w),
-        jac=lambda x: function(x.reshape(n, w))[1].ravel(),
-        method="SLSQP",
-        constraints={"type": "ineq", "fun": lambda x: 1 - rows @ x, "jac": lambda x: -rows},
-        options={"maxiter": 500, "ftol": 1e-12},
-    )
-    assert max(visited) < 1
+    rows = np.vstack([rows.reshape(n * m, n * w), -rows.reshape(n * m, n * w)])
+    within = {"type": "ineq", "fun": lambda x: 1 - rows @ x, "jac": lambda x: -rows}
+    tight = {"maxiter": 500, "ftol": 1e-12}
+    theirs = minimize(function, np.zeros(n * w), jac=True, method="SLSQP", constraints=within, options=tight)
     # The barrier's last weight bounds its cost, and this is its remainder.
     assert -1e-9 < function(x)[0] - theirs.fun < 0.004
     assert abs(limits @ x[:, :, None]).max() > 0.99
@@ -121,21 +96,16 @@ def test_a_foot_stays_and_the_hand_holds_the_rail(activity):
     np.testing.assert_allclose(palm[:, :3], np.broadcast_to(RAIL, (len(SECONDS), 3)), atol=1e-9)
 
 
-def needed(motion):
-    Y = ident.base_wrench_regressor(PERSON.tree, *motion.states, gravity=PERSON.gravity, base=motion.base)
-    return Y @ PERSON.known
-
-
 @pytest.mark.parametrize("activity", ACTIVITIES)
 @pytest.mark.parametrize("rail", [True, False])
 def test_inverse_dynamics_of_mujoco_agrees(activity, rail):
     """Velocities and accelerations are differences of the same coordinates over another step."""
     model, h = random_models.humanoid(), 1e-4
     motion, _ = moved(activity, rail)
-    wrench = needed(motion)
+    wrench = ident.base_wrench_regressor(PERSON.tree, *motion.states, gravity=PERSON.gravity, base=motion.base)
+    wrench = wrench @ PERSON.known
     for i in (3, 57, 131):
         q = person.coordinates(PERSON.tree, activity, SECONDS[i] + h * np.arange(-1, 2), Style(seed=1, rail=rail))
         forces = random_models.forces_between(model, *q, h)
         force = motion.base.T[i, :3, :3] @ wrench[i, :3]
-        np.testing.assert_allclose(forces[:3], force, atol=0.01)
-        np.testing.assert_allclose(forces[3:6], wrench[i, 3:], atol=0.01)
+        np.testing.assert_allclose(forces[:6], [*force, *wrench[i, 3:]], atol=0.01)

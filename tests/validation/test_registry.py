@@ -24,7 +24,6 @@ from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
 
 ALLOWED = dict.fromkeys(("gaps", "offsets", "prior"), bool) | dict.fromkeys(("base", "columns"), str)
-
 ALLOWED |= {"fix": dict, "ignore": list, "leave_out": list, "noise": dict}
 """Options that the recording's documentation decides. A choice that only the outcome could suggest is none: a cut-off,
 weights, thresholds, knots, priors' sizes, samples to leave out, the estimator or its columns."""
@@ -34,10 +33,12 @@ OF_COLUMNS = {"time", "rate", "joints", "motors", "wrenches", "base", "file", "s
 
 NAME = re.compile(r"\w(?:[\w.+ -]{0,98}[\w+-])?", re.ASCII)
 REPOSITORY = re.compile(r"\w[\w.-]{0,99}/\w[\w.-]{0,99}", re.ASCII)
-ENTRIES = registry().values()
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+ALL = pytest.mark.parametrize("entry", registry().values(), ids=lambda entry: entry.name)
+
+
+@ALL
 def test_every_entry_is_well_formed(entry):
     parts = [entry, entry.source, *entry.files, *entry.published, *filter(None, [entry.reference])]
     assert all(fits(getattr(x, name), hint) for x in parts for name, hint in get_type_hints(type(x)).items())
@@ -51,7 +52,7 @@ def test_every_entry_is_well_formed(entry):
         assert {file.made, file.converter} <= {"", *CONVERTERS}
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+@ALL
 def test_what_was_tried_has_hashes_and_what_was_not_has_no_numbers(entry):
     assert all(bool(file.sha256) == entry.tried for file in entry.files)
     if entry.tried:
@@ -64,7 +65,7 @@ def test_what_was_tried_has_hashes_and_what_was_not_has_no_numbers(entry):
         assert not any(file.original for file in entry.files)
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+@ALL
 def test_options_are_those_that_the_documentation_decides(entry):
     assert all(isinstance(value, ALLOWED[name]) for name, value in entry.options.items())
     if "columns" in entry.options:
@@ -82,16 +83,7 @@ def test_recordings_are_chosen_by_name_and_a_wrong_one_lists_them():
         chosen(["ur11"], entries)
 
 
-GIVEN = """title = "An arm"
-about = "Something"
-folder = "arm"
-tried = false
-[source]
-repository = "someone/arm"
-[[files]]
-name = "arm.xml"
-path = "models/arm.xml"
-"""
+GIVEN = TEXT.format(files='[[files]]\nname = "arm.xml"\npath = "models/arm.xml"', more="")
 
 
 @pytest.mark.parametrize(
@@ -99,11 +91,11 @@ path = "models/arm.xml"
     [
         ('"arm"', '"../../evil"', "stay in their folder"),
         ('"arm"', '"/tmp/evil"', "stay in their folder"),
-        ('"arm.xml"', '".."', "stay in their folder"),
-        ('"arm.xml"', r'"a\\u0000b"', "stay in their folder"),
+        ('name = "arm.xml"', 'name = ".."', "stay in their folder"),
+        ('name = "arm.xml"', r'name = "a\\u0000b"', "stay in their folder"),
         ('"models/arm.xml"', '"../arm.xml"', "stay in their folder"),
-        ('"someone/arm"', '"../arm"', "stay in their folder"),
-        ("tried = false", 'tried = "no"', "tried"),
+        ('"somebody/arms"', '"../arm"', "stay in their folder"),
+        ("tried = true", 'tried = "no"', "tried"),
         ("[source]", "[sources]", "is no entry"),
         ("path =", "paths =", "is no entry"),
         ("[source]", 'published = [{ name = "m", value = 1.0, std = -0.1 }]\n[source]', "std needs a number of at"),
@@ -119,28 +111,27 @@ def test_a_malformed_entry_is_one_sentence(old, new, sentence, tmp_path):
         read_entry(path)
 
 
-def refusal(task):
-    """Answer to any task."""
-    return {"refused": "Not today."}
+REFUSED = {"refused": "Not today."}
 
 
 @pytest.mark.parametrize("changed", ["code", "entry"])
 def test_results_of_other_sources_or_entries_are_not_resumed(changed, tmp_path, monkeypatch, here):
     recorded(tmp_path / "arm")
-    listed = files_of(tmp_path / "arm", "arm.xml", "one.csv", "two.csv")
-    entry = files.read_entry(written(tmp_path, TEXT.format(files=listed, more="")))
-    places = files.Places((tmp_path,))
-    monkeypatch.setattr(validation_study, "work", refusal)
+    entry = read_entry(written(tmp_path, TEXT.format(files=files_of(tmp_path / "arm"), more="")))
+    monkeypatch.setattr(validation_study, "work", lambda task: REFUSED)
     monkeypatch.setattr(validation_study, "collected", lambda entries, tasks, answers, refused: answers)
-    assert validation_study.study([entry], places, tmp_path, Workers(1)) == [refusal(None)] * 3
-    assert validation_study.study([entry], places, tmp_path, Workers(1, resume=True)) == [refusal(None)] * 3
+
+    def answers(**options):
+        return validation_study.study([entry], files.Places((tmp_path,)), tmp_path, Workers(1, **options))
+
+    assert answers() == answers(resume=True) == [REFUSED] * 3
     if changed == "code":
         monkeypatch.setattr(validation_study, "SOURCES", ("sim",))
     else:
         entry = replace(entry, options={**entry.options, "holdout": 0.3})
     named = {"code": "code", "entry": "tasks"}[changed]
     with pytest.raises(InputError, match=f"of another run: {named} differ; leave out --resume"):
-        validation_study.study([entry], places, tmp_path, Workers(1, resume=True))
+        answers(resume=True)
 
 
 LINK = """<link name="{name}"><inertial><origin xyz="0.02 0 -0.2"/><mass value="{mass}"/>
