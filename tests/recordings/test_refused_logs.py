@@ -53,6 +53,7 @@ GROUND = '[wrenches.ground]\nforce = ["a", "b", "c"]\n'
 CONTACT = '[wrenches.grip]\nforce = ["a", "b", "c"]\n'
 HIP = "[joints.hip]\nposition = "
 MOTOR = '[motors.a]\njoints = ["hip"]\nmatrix = '
+TWO_MOTORS = '[motors.a]\njoints = ["hip", "ankle"]\nmatrix = [[1, 2], [2, 4]]\n'
 MAPPINGS = [
     ("time = = 3", "needs to be TOML in UTF-8"),
     ("[joint.hip]", "the mapping has no entry 'joint'; valid are time, rate, poses, joints, motors, wr"),
@@ -89,7 +90,7 @@ MAPPINGS = [
     ('[motors.a]\njoints = ["knee"]\nmatrix = [[1]]', "motors.a.joints needs a list of joints, of"),
     (MOTOR + "[[1, 2]]", "motors.a.matrix needs a list of 1 numbers"),
     (MOTOR + "3", "motors.a.matrix needs a row for each of 1 motors, got 3"),
-    (MOTOR.replace('"]', '", "ankle"]') + "[[1, 2], [2, 4]]", "[motors.a] needs a matrix that can be inverted"),
+    (TWO_MOTORS + 'position = ["q_hip", "q_ankle"]', "[motors.a] needs a matrix that can be inverted"),
     (HIP + '"q_hip"\n' + MOTOR + '[[1]]\nposition = ["q_hip"]', "joints.hip.position is mapped twice, under [joints]"),
     (MOTOR + '[[1]]\nfriction = "none"', "motors.a.friction needs one of motors, joints; got none"),
     (MOTOR + '[[1]]\nposition = [""]', "motors.a.position needs 1 columns, none of them may be missing"),
