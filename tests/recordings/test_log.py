@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 from ident.errors import LogError
 from ident.recordings.channels import suggested_mapping
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.recording import Recording
 
 OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
 
@@ -89,21 +88,6 @@ def test_a_mapping_names_converts_and_places(tmp_path):
     assert (ground.applied_to_link, handle.applied_to_link, handle.body) == (False, True, "torso")
     units = {"ankle_position": "rad", "ankle_velocity": "rad/s", "hip_torque": "N m"}
     assert log.units == units | {"ground_force": "N", "ground_torque": "N m"}
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_a_log_that_was_saved_is_read_as_the_same_recording(tmp_path, suffix):
-    log, path = read(tmp_path, text(COLUMNS), MAPPING), tmp_path / f"saved.{suffix}"
-    log.save(path)
-    for again in (Recording.load(path), read_log(path, LEG)):
-        assert again.measured.keys() == log.measured.keys() and again.sensors.keys() == log.sensors.keys()
-        np.testing.assert_allclose(again.time, log.time, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(again.base, log.base)
-        for name, x in log.measured.items():
-            np.testing.assert_array_equal(again[name], x)
-        for name, sensor in log.sensors.items():
-            np.testing.assert_array_equal(again.sensors[name].pose, sensor.pose)
-            assert again.sensors[name].applied_to_link == sensor.applied_to_link
 
 
 def test_jitter_is_resampled_and_told(tmp_path):

@@ -7,7 +7,7 @@ from scipy import ndimage, signal
 from ident.recordings import faults
 from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, quantum, settling, smoothed
+from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, quantum, settling
 from ident.recordings.times import Sampled
 
 T = np.arange(1200) / 100
@@ -33,13 +33,6 @@ def test_differences_are_exact_for_quartics():
     np.testing.assert_allclose(dx[2:-2], np.stack([4 * t**3, 2 * t], axis=1)[2:-2], atol=1e-10)
     np.testing.assert_allclose(ddx[2:-2], np.stack([12 * t**2, 2 + 0 * t], axis=1)[2:-2], atol=1e-8)
     assert np.isfinite([dx, ddx]).all()
-
-
-def test_columns_stay_apart_and_missing_ones_stay_missing():
-    x = np.stack([tones(T), np.full(len(T), np.nan), np.cos(T)], axis=1)
-    for together, alone in zip(smoothed(x, 100.0, 4.0), smoothed(x[:, 2], 100.0, 4.0), strict=True):
-        assert together.shape == x.shape and np.isnan(together[:, 1]).all()
-        np.testing.assert_allclose(together[:, 2], alone, atol=1e-9)
 
 
 @pytest.mark.parametrize("rate", [100, 1000])
