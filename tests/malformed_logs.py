@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
+from ident import Body, Mechanism, Tree, read_log
 
 N = 40
 T = np.arange(N) / 100

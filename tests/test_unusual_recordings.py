@@ -13,7 +13,7 @@ import ident
 from experiments.reports.identify_page import held_out_figure
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, recorded
-from ident.errors import ExcitationError
+from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough
 from ident.problem import problem_of

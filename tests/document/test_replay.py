@@ -9,7 +9,7 @@ from pages import identified, replayed
 
 from experiments.document.replay import ellipsoid
 from ident.geometry.inertia import parameters_from_com
-from sim.models.model_mechanism import mechanism
+from sim import mechanism
 from sim.models.shapes import shapes
 
 

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.document.replay import Replay, write_rerun
-from ident.mechanism.motion import Motion
-from ident.recordings.recording import Recording
-from sim.models.model_mechanism import mechanism
+from ident import Motion, Recording
+from sim import mechanism
 
 pytestmark = pytest.mark.extras
 

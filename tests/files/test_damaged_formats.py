@@ -10,11 +10,7 @@ from hypothesis import strategies as st
 from malformed_logs import JOINTS, LEG, PLAIN, WRENCH, N, Q, T
 from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
-from ident.errors import InputError
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
+from ident import Body, InputError, Mechanism, Tree, read_log
 
 pytestmark = pytest.mark.extras
 

@@ -10,9 +10,10 @@ from commands import sentence_of
 from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, LEG, PLAIN, WRENCH, N, Q, T, read
 from written_formats import DEG, write_bag, write_c3d, write_mat, write_mot, write_parquet, write_trc
 
+from ident import read_log
 from ident.files.markers import trc_markers
 from ident.files.readers import read_clocks, read_markers, read_tables
-from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.log import read_log_pieces
 
 pytestmark = pytest.mark.extras
 

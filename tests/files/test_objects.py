@@ -11,7 +11,7 @@ from driven_arm import jointly, quick
 
 import ident
 import sim
-from ident.errors import InputError
+from ident import InputError
 from ident.files.objects import load_object
 
 

@@ -13,13 +13,11 @@ import pytest
 from commands import sentence_of
 
 from experiments.studies import study_entries
+from ident import Body, InputError, Tree
 from ident.annotations import NotNegative, Point, Positive, Vector, one_of
-from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.limits import made
 from ident.files.table import Table
-from ident.mechanism.body import Body
-from ident.mechanism.tree import Tree
 from ident.recordings.mapping import read_mapping
 from sim.markers.model_files import read_settings
 

@@ -15,17 +15,11 @@ from written_formats import write_bag
 
 from experiments import identify
 from experiments.runs.workers import Checkpoint
-from ident.errors import InputError, LogError
-from ident.estimate import Estimate
+from ident import Body, Estimate, InputError, LogError, Mechanism, Recording, Tree, read_log
 from ident.files import csv_file
 from ident.files.arrays import size_of
 from ident.files.bag import largest_chunk
 from ident.files.readers import read_clocks, read_tables
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 
 
 def peak(path, limit=2_000_000, read=read_tables):

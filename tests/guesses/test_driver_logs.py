@@ -15,8 +15,8 @@ from guesses.odd_logs import arm, recording, text
 import experiments
 from experiments.guesses.belief import DOUBTFUL, toml_text
 from experiments.guesses.guess import believed
+from ident import joint_torque_regressor
 from ident.files.column import CURRENT
-from ident.model.regressor import joint_torque_regressor
 from ident.recordings.mapping import read_mapping
 from ident.recordings.plates import AUTO
 

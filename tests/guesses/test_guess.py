@@ -14,9 +14,8 @@ import sim
 from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
 from experiments.guesses.words import words
-from ident.mechanism.body import Body, ball_twist
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
+from ident import Body, Mechanism, Tree
+from ident.mechanism.body import ball_twist
 from ident.recordings.mapping import read_mapping
 
 JOINTS = ("joint1", "joint2")

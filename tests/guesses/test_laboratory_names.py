@@ -18,9 +18,8 @@ import sim
 from experiments import columns as command
 from experiments.guesses.belief import DOUBTFUL, SURE, write_mapping
 from experiments.guesses.guess import believed
+from ident import Motion, identify_payload
 from ident.estimation.loads import predicted_channels
-from ident.mechanism.motion import Motion
-from ident.payload.beyond_sensor import identify_payload
 
 TIME = np.arange(1500) / 100
 JOINTS = ("pan", "lift", "elbow")

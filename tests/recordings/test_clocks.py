@@ -8,8 +8,8 @@ from malformed_logs import PLAIN, N, Q, T, read, text
 from written_formats import DEG, write_csv, write_mot
 
 import ident
-from ident.errors import LogError
-from ident.recordings.log import read_log, read_log_pieces
+from ident import LogError, read_log
+from ident.recordings.log import read_log_pieces
 from ident.recordings.times import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)

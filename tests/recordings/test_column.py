@@ -8,11 +8,11 @@ import pytest
 from malformed_logs import LEG, PLAIN, N, Q, T, read, text
 from scipy import constants
 
-from ident.errors import LogError
+from ident import LogError, read_log
 from ident.files.column import UNITS
 from ident.recordings.entries import couplings
 from ident.recordings.faults import unwrapped
-from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.log import read_log_pieces
 
 
 def test_gain_constant_and_unit(tmp_path):

@@ -9,10 +9,9 @@ from written_formats import write_csv
 import ident
 import sim
 from experiments.studies.user_files import prepare
-from ident.errors import LogError
+from ident import LogError, read_log
 from ident.estimation.preparation import prepared
-from ident.recordings.log import read_log
-from sim.models.model_mechanism import mechanism
+from sim import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 

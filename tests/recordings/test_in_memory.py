@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import ident
-from ident.errors import InputError, LogError
+from ident import InputError, LogError
 
 pytestmark = pytest.mark.extras
 

@@ -5,9 +5,9 @@ import pytest
 from malformed_logs import DQ, JOINTS, LEG, PLAIN, WRENCH, N, Q, T, leg, read, retimed, text
 from scipy.spatial.transform import Rotation
 
-from ident.errors import LogError
+from ident import LogError, read_log
 from ident.recordings.channels import suggested_mapping
-from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.log import read_log_pieces
 
 OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
 

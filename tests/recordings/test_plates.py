@@ -8,15 +8,10 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from ident.errors import LogError
+from ident import Body, LogError, Mechanism, Recording, Tree, read_log
 from ident.geometry.se3 import pose
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.recordings.entries import read_segments
-from ident.recordings.log import read_log
 from ident.recordings.plates import external_loads
-from ident.recordings.recording import Recording
 
 
 def placed(turns, position):

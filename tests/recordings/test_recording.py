@@ -7,15 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.errors import InputError, LogError
+from ident import Body, InputError, LogError, Mechanism, Recording, Sensor, Tree, read_log
 from ident.geometry import se3
-from ident.mechanism.body import Body, Follower
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
+from ident.mechanism.body import Follower
 from ident.recordings.stated import Servo, Tracker
-from ident.recordings.wrench import Sensor
 
 RNG = np.random.default_rng(0)
 CHANNELS = {

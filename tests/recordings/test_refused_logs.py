@@ -5,8 +5,8 @@ import pytest
 from commands import sentence_of
 from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, replaced, retimed, text
 
-from ident.errors import LogError
-from ident.recordings.log import read_log, read_log_pieces
+from ident import LogError, read_log
+from ident.recordings.log import read_log_pieces
 
 COUNT = np.arange(N)
 SWEEPS = PLAIN | {"q_hip": np.rad2deg(Q[:, 1])}

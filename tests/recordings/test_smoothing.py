@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, signal
 
+from ident import Recording
 from ident.recordings import faults
 from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
-from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, quantum, settling
 from ident.recordings.times import Sampled
 

@@ -18,14 +18,11 @@ from experiments.columns import main
 from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
 from experiments.guesses.log_contents import log_contents
-from ident.errors import LogError
+from ident import Body, LogError, Mechanism, Sensors, Tree, read_log
 from ident.estimation.preparation import prepared
-from ident.mechanism.body import Body, ball_twist
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.parameters.structure import Sensors, sampled_structure, structure_matrix
-from ident.recordings.log import read_log
-from sim.models.model_mechanism import mechanism
+from ident.mechanism.body import ball_twist
+from ident.parameters.structure import sampled_structure, structure_matrix
+from sim import mechanism
 
 N = 40
 RNG, T = np.random.default_rng(0), np.arange(N) / 100

@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_tree
 
+from ident import Mechanism, Motion, Wrench, total_wrench
 from ident.geometry import se3
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
 from ident.model import dim
-from ident.recordings.wrench import Wrench, total_wrench, transform_wrench
+from ident.recordings.wrench import transform_wrench
 
 
 @pytest.fixture(params=range(4))
