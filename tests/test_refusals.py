@@ -3,11 +3,10 @@
 import argparse
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from importlib.resources import files
 from inspect import Parameter, signature
-from pathlib import Path
 
 import driven_arm
 import mujoco
@@ -51,6 +50,7 @@ GHOST = '<body name="ghost"><site/></body><body name="rock"><geom size="1"/></bo
 ONE_JOINT = replace(DOUBLE_PENDULUM, offset=[0.0], amplitude=[[1.0]], frequency=[[1.0]], phase=[[0.0]])
 CHAIN, WELDED = (random_tree(np.random.default_rng(0), 3, **kinds) for kinds in ({}, {"kinds": ("welded",)}))
 WHITE, WAVE = np.random.default_rng(0).normal(size=(500, 1)), np.sin(2 * np.pi * 30 * np.arange(1200) / 100)
+FALLS = str(files(mc.scenes) / "arm.csv")
 SPEC, ARM, LOG = mc.scenes.load("double_pendulum"), driven_arm.mechanism(), driven_arm.log(4.0, 50.0)
 OTHER_LOG = shortened(faulty(0), 120)
 ROWS, POSE = r"rows \(k, 6\)", "'b1' needs the pose of its sensor's frame"
@@ -64,16 +64,6 @@ def of_another_body():
     sensor = spec.sensor("joint1_acceleration")
     sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "link1"
     return spec
-
-
-def pieces():
-    Path("r.csv").write_text("time\n0\n")
-    return next(Recording.chunks("r.csv", 0))
-
-
-def ahead():
-    with ThreadPoolExecutor(1) as executor:
-        list(in_order(executor, str, [1], ahead=0))
 
 
 def indefinite():
@@ -272,8 +262,8 @@ REFUSED = [
     ("The recording has no channel '3'", lambda: LOG[3]),
     ("A recording is saved as .npz or .csv", lambda: LOG.save(".")),
     ("the folder needs metadata.yaml", lambda: Recording.load(".")),
-    ("needs at least one sample, got 0", pieces),
-    ("submitted ahead, got 0", ahead),
+    ("needs at least one sample, got 0", lambda: next(Recording.chunks(FALLS, 0))),
+    ("submitted ahead, got 0", lambda: list(in_order(None, str, [1], ahead=0))),
     ("at least 50 samples, got 40", lambda: chosen_cutoff(np.zeros((40, 2)), 100.0)),
     *(("a column that moves below 10 Hz", partial(chosen_cutoff, x, 100.0)) for x in (np.ones((100, 2)), WAVE)),
     ("not noise alone; state a cut-off", lambda: chosen_cutoff(WHITE, 100.0)),
@@ -343,7 +333,7 @@ def test_a_mistaken_call_is_one_sentence(message, call, tmp_path, monkeypatch):
         call()
     sentence = str(error.value)
     assert "\n" not in sentence.partition("got [[")[0] and (len(sentence) < 450 or "got [[" in sentence)
-    assert not list(tmp_path.glob("[!r]*"))
+    assert not list(tmp_path.iterdir())
 
 
 def required(function):

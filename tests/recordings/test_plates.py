@@ -38,77 +38,52 @@ def moments(name, wrench, **entry):
     return columns, {"force": axes(f"{name}_F"), "torque": axes(f"{name}_M"), **entry}
 
 
-def fixed_to_the_body(name, wrench, on):
-    return moments(name, walker.in_frame(walker.truth()[1][on], wrench), body=on)
-
-
-def in_world(name, wrench, on):
-    return moments(name, wrench, frame="world", on=on)
-
-
-def about_a_point(name, wrench, on):
-    origin = PLATES[name][:3, 3]
-    return moments(
-        name, walker.in_frame(pose(np.eye(3), origin), wrench), frame="world", on=on, position=origin.tolist()
-    )
-
-
-def in_plate(name, wrench, on, **entry):
-    T = PLATES[name]
-    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True).tolist()
-    entry |= {"frame": "plate", "on": on, "position": T[:3, 3].tolist(), "quaternion": quaternion}
-    return moments(name, walker.in_frame(T, wrench), **entry)
-
-
-def reversed_(name, wrench, on):
-    return in_plate(name, -wrench, on, applied_to_link=False)
-
-
-def by_corners(name, wrench, on):
-    """Moments about a point below the middle of the surface, forces in kN."""
-    local = walker.in_frame(PLATES[name] @ pose(np.eye(3), np.array(BELOW)), wrench) / np.repeat([1000, 1], 3)
-    return moments(name, local, frame="plate", on=on, corners=CORNERS[name], origin=BELOW, unit="kN")
-
-
-def at_a_point(name, wrench, on):
-    """Centre of pressure in mm, with the moment about the plate's normal."""
-    local = walker.in_frame(PLATES[name], wrench)
+def forms(name):
+    """Columns and entry of each form in which a wrench on a body can be recorded."""
+    T, on, wrench = PLATES[name], walker.TAKEN[name], walker.wrenches()[name]
+    local, below = (walker.in_frame(each, wrench) for each in (T, T @ pose(np.eye(3), np.array(BELOW))))
+    about_its_middle = walker.in_frame(pose(np.eye(3), T[:3, 3]), wrench)
     point, free = walker.centre_of_pressure(local)
-    columns = {f"{name}_F": local[:, :3], f"{name}_x": 1000 * point[:, 0], f"{name}_y": 1000 * point[:, 1]}
-    entry = {"point": [f"{name}_x", f"{name}_y", 0.0], "point_unit": "mm", "free_moment": ["", "", f"{name}_T"]}
-    entry |= {"force": axes(f"{name}_F"), "frame": "plate", "on": on, "threshold": 0, "corners": CORNERS[name]}
-    return columns | {f"{name}_T": free}, entry
-
-
-def at_a_point_in_world(name, wrench, on):
-    """The same in the world's axes, as in exports of gait laboratories."""
-    T = PLATES[name]
-    point, free = walker.centre_of_pressure(walker.in_frame(T, wrench))
     at = np.column_stack([point, np.zeros(len(point))]) @ T[:3, :3].T + T[:3, 3]
-    columns = {f"{name}_F": wrench[:, :3], f"{name}_p": at, f"{name}_T": free[:, None] * T[:3, 2]}
-    entry = {"force": axes(f"{name}_F"), "point": axes(f"{name}_p"), "free_moment": axes(f"{name}_T")}
-    return columns, entry | {"frame": "world", "on": on, "threshold": 0}
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True).tolist()
+    world, place = {"frame": "world", "on": on}, {"position": T[:3, 3].tolist()}
+    plate, corners = {"frame": "plate", "on": on}, {"corners": CORNERS[name]}
+    posed = {**plate, **place, "quaternion": quaternion}
+    pressed = {"force": axes(f"{name}_F"), "threshold": 0}
+    in_mm = {"point": [f"{name}_x", f"{name}_y", 0.0], "point_unit": "mm", "free_moment": ["", "", f"{name}_T"]}
+    in_world = {"point": axes(f"{name}_p"), "free_moment": axes(f"{name}_T")}
+    of_point = {f"{name}_x": 1000 * point[:, 0], f"{name}_y": 1000 * point[:, 1], f"{name}_T": free}
+    of_world = {f"{name}_F": wrench[:, :3], f"{name}_p": at, f"{name}_T": free[:, None] * T[:3, 2]}
+    return {
+        "fixed to the body": moments(name, walker.in_frame(walker.truth()[1][on], wrench), body=on),
+        "in the world": moments(name, wrench, **world),
+        "about a point": moments(name, about_its_middle, **world, **place),
+        "in the plate's axes": moments(name, local, **posed),
+        "of the opposite sign": moments(name, -local, **posed, applied_to_link=False),
+        "by corners, kN": moments(name, below / np.repeat([1000, 1], 3), **plate, **corners, origin=BELOW, unit="kN"),
+        "at a point in mm": ({f"{name}_F": local[:, :3], **of_point}, pressed | in_mm | plate | corners),
+        "at a point of the world": (of_world, pressed | in_world | world),
+    }
 
 
-FORMS = (fixed_to_the_body, in_world, about_a_point, in_plate, reversed_, by_corners, at_a_point, at_a_point_in_world)
+FORMS = {name: forms(name) for name in PLATES}
 
 
 def read(columns, mapping, mechanism=None, **options):
     return read_log(walker.columns() | columns, mechanism or walker.mechanism(), mapping, **options)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", FORMS["rail"])
 def test_every_form_of_a_recording_gives_the_same_estimate(tmp_path, form):
-    columns, entries = {}, {}
-    for name, wrench in walker.wrenches().items():
-        own, entries[name] = form(name, wrench, walker.TAKEN[name])
-        columns |= own
-    recording, equations = read(columns, {"wrenches": entries}), ident.Equations.of_wrench(walker.mechanism())
+    columns = {key: x for own in FORMS.values() for key, x in own[form][0].items()}
+    recording = read(columns, {"wrenches": {name: own[form][1] for name, own in FORMS.items()}})
+    equations = ident.Equations.of_wrench(walker.mechanism())
     fit = ident.least_squares(equations, recording)
     truth = fit.parameters.regroup(walker.mechanism().known)
     np.testing.assert_allclose(fit.psi, truth, atol=1e-9 * abs(truth).max())
     assert {name: recording.sensors[name].body for name in walker.TAKEN} == walker.TAKEN
-    assert {sensor.frame for sensor in recording.sensors.values()} == {"body" if form is fixed_to_the_body else "world"}
+    frame = "body" if form == "fixed to the body" else "world"
+    assert {sensor.frame for sensor in recording.sensors.values()} == {frame}
     recording.save(tmp_path / "saved.npz")
     again = Recording.load(tmp_path / "saved.npz")
     np.testing.assert_array_equal(ident.least_squares(equations, again).psi, fit.psi)
@@ -194,8 +169,8 @@ def test_small_forces_count_where_the_recording_has_no_noise(unloaded, point, st
 
 
 def test_moments_without_forces_count_whatever_the_threshold():
-    columns, entry = in_plate("right", walker.wrenches()["right"], "foot_r", threshold=40)
-    del entry["force"]
+    columns, entry = FORMS["right"]["in the plate's axes"]
+    entry = {key: value for key, value in entry.items() if key != "force"} | {"threshold": 40}
     np.testing.assert_array_equal(read(columns, {"wrenches": {"right": entry}})["right_torque"], columns["right_M"])
 
 
