@@ -304,7 +304,7 @@ REFUSED = [
     ("has to be another one than the rec", lambda: identified(held_out=part_of_log(50, 200))),
     ("columns needs the path of a TOML file", lambda: identified("run.csv", columns=["a"])),
     ("columns maps the columns of logs", lambda: identified(columns={"time": "t"})),
-    ("A cut-off is 'auto' or from 0", lambda: identified(cutoff=-3)),
+    *(("A cut-off is 'auto' or from 0", partial(identified, cutoff=x)) for x in (-3, 10**309)),
     ("estimate filters nothing", lambda: identified(estimator="joint", cutoff=5.0)),
     ("needs numbers, got complex", lambda: mc.read_log({"time": SAMPLES, "turn_position": SAMPLES * 1j}, ARM)),
     # Estimates and files.

@@ -153,7 +153,7 @@ def shown_by_markdown(source):
     return out
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(TEXTS)
 @example("_a_")
 def test_all_letters_are_shown_and_none_is_acted_on(text):

@@ -13,6 +13,7 @@ from sim import mechanism
 from sim.models.shapes import shapes
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_findings_are_where_their_data_say(tmp_path):
     out = identified(tmp_path)
     shown = replayed(out / "report.html")["findings"]

@@ -138,9 +138,9 @@ def test_a_wrist_sensor_beside_torques_is_for_payload(tmp_path):
     assert group.is_doubtful and any("for `payload`" in note for note in belief.notes)
 
 
-@pytest.mark.parametrize(("force", "torque"), [("FT{}", "MT{}"), ("tool.force.{}", "tool.torque.{}")])
-def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque):
-    columns, path, model = with_sensor(force, torque), tmp_path / "log.csv", tmp_path / "arm.xml"
+def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
+    assert not of_sensor(tmp_path, with_sensor("tool.force.{}", "tool.torque.{}"))[0].is_doubtful
+    columns, path, model = with_sensor("FT{}", "MT{}"), tmp_path / "log.csv", tmp_path / "arm.xml"
     group, _ = of_sensor(tmp_path, columns)
     assert not group.is_doubtful and "position" in group.entries
     model.write_text(wrist.model())
@@ -148,13 +148,11 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque):
     last = capsys.readouterr().out.strip().splitlines()[-1]
     mapping = tmp_path / "log.toml"
     assert last == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor {group.name}"
-    if force == "FT{}":
-        payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=group.name)
-        assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
-        forces = {name: x for name, x in columns.items() if name not in group.entries["torque"].value}
-        path.write_text(text(forces), encoding="utf-8")
-        (alone,) = believed(ROBOT, [path]).groups.values()
-        assert "position" not in alone.entries
+    payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=group.name)
+    assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
+    path.write_text(text({name: x for name, x in columns.items() if name not in group.entries["torque"].value}))
+    (alone,) = believed(ROBOT, [path]).groups.values()
+    assert "position" not in alone.entries
 
 
 def test_markers_lead_to_the_angles(tmp_path, capsys):
@@ -195,8 +193,9 @@ def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):
 
 @pytest.mark.parametrize(("stamp", "torque"), [(False, "effort"), (True, "torque")])
 def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
-    rows = [{"name": JOINTS, "position": q.tolist(), torque: tau.tolist()} for q, tau in zip(Q, TAU, strict=True)]
-    for t, row in zip(TIME, rows, strict=True):
+    numbers = zip(Q[:500].tolist(), TAU[:500].tolist(), strict=True)
+    rows = [{"name": JOINTS, "position": q, torque: tau} for q, tau in numbers]
+    for t, row in zip(TIME, rows, strict=False):
         row |= {"header": {"stamp": {"sec": int(t), "nanosec": round(t % 1 * 1e9)}}} if stamp else {"t": t}
     (tmp_path / "log.jsonl").write_text("\n".join(map(json.dumps, rows)))
     belief = believed(ARM, [tmp_path / "log.jsonl"])
@@ -204,7 +203,7 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
     assert mapped(belief, "torque") == {n: f"{torque}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
     write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(tmp_path / "log.jsonl", ARM, tmp_path / "c.toml")
-    np.testing.assert_allclose(read["lift_torque"], TAU[:, 1], atol=1e-6)
+    np.testing.assert_allclose(read["lift_torque"], TAU[:500, 1], atol=1e-6)
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):

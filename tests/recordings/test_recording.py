@@ -77,9 +77,11 @@ def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix
     x = np.linspace(0, 1, 50)
     measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
     measured |= {"hand_position": np.zeros((50, 3)), "hand_orientation": np.tile(np.eye(4)[0], (50, 1))}
-    Recording(np.arange(50.0), measured, measured, **STATED, trackers={"hand": Tracker("hand")}).save(path)
+    base, trackers = np.tile(se3.exp(SCREW, 0.7), (50, 1, 1)), {"hand": Tracker("hand")}
+    Recording(np.arange(50.0), measured, measured, **STATED, base=base, trackers=trackers).save(path)
     log = read_log(path, arm)
     assert {name: getattr(log, name) for name in STATED} == STATED
+    np.testing.assert_array_equal(log.base, base)
     assert log.trackers["hand"].body == "hand" and {*log.measured} == {*measured} and not log.unused
     stated = read_log(path, arm, {"setup": {"gain": 0.01, "lag": 0.0}, "base": {"rpy_deg": [0, 0, 0]}})
     assert stated.setup == {"gain": 0.01, "delay": 0.02, "lag": 0.0}

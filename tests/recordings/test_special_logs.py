@@ -145,7 +145,7 @@ def test_ten_poses_give_mass_and_centre(poses, step):
 
 
 def test_the_structure_of_poses_is_that_of_sampled_ones():
-    for seed in range(6):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         any_arm = Mechanism(random_tree(rng, bodies=4), 5 * rng.normal(size=3))
         for wrench, torques, moving in ((1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)):
