@@ -52,6 +52,7 @@ CHAIN, WELDED = (random_tree(np.random.default_rng(0), 3, **kinds) for kinds in 
 WHITE, WAVE = np.random.default_rng(0).normal(size=(500, 1)), np.sin(2 * np.pi * 30 * np.arange(1200) / 100)
 FALLS = str(files(mc.scenes) / "arm.csv")
 SPEC, ARM, LOG = mc.scenes.load("double_pendulum"), driven_arm.mechanism(), driven_arm.log(4.0, 50.0)
+CONSISTENT = partial(mc.consistent_parameters, np.ones(3), np.eye(3), find_base_parameters(ARM), ARM.known)
 OTHER_LOG = shortened(faulty(0), 120)
 ROWS, POSE = r"rows \(k, 6\)", "'b1' needs the pose of its sensor's frame"
 FINITE, SYMMETRIC = "'b1' needs wrenches .* finite or NaN throughout", "'b1' needs a symmetric covariance"
@@ -143,12 +144,6 @@ def part_of_log(start, stop):
     return Recording(LOG.time[start:stop], {name: x[start:stop] for name, x in LOG.measured.items()})
 
 
-def consistent(**given):
-    own = driven_arm.quick()
-    own = {"psi": own.psi_of_links, "covariance": own.covariance, "base": own.base, "prior": ARM.known}
-    return mc.consistent_parameters(**own | given)
-
-
 REFUSED = [
     # Bodies, trees and motions of a base.
     ("'arm'.*rigid home pose", lambda: body(home=np.diag([2.0, 1, 1, 1]))),
@@ -215,7 +210,7 @@ REFUSED = [
     ("a height in m, got 70 and 175", lambda: Person("dumas", 70, 175, "male")),
     ("got 70 and nan", lambda: Person("dumas", 70, NAN, "male")),
     ("not positive definite", indefinite),
-    ("masses needs a relative standard deviation of zero or more", lambda: consistent(masses=-1.0)),
+    ("masses needs a relative standard deviation of zero or more", partial(CONSISTENT, masses=-1.0)),
     # Wrenches.
     ("on 'hand', but the mechanism's bodies are b0, b1, b2", lambda: in_contact(body="hand")),
     ("on 'None', but the mechanism's bodies are b0, b1, b2", lambda: in_contact(body=None)),
