@@ -55,7 +55,7 @@ def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
         couplings("motors.wrist", {}, ["wrist 2", "hip"], np.array([[2, 0.5], [-0.25, 4]]), ["wrist 2", "hip"])
 
 
-def test_selected_rows_and_times(tmp_path):
+def test_selected_rows_and_times_and_a_wrong_stamp_among_them(tmp_path):
     wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
     with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
         read(tmp_path, wrong, "", gaps=True)
