@@ -89,6 +89,7 @@ def pair(tmp_path, first=None, second=None):
     return f"{tmp_path / 'joints.csv'}+{tmp_path / 'wrench.csv'}"
 
 
+@pytest.mark.extras
 def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
     expected = read_log(pair(tmp_path), arm())
     write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
@@ -99,6 +100,7 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
             np.testing.assert_allclose(read[channel], x, atol=1e-12)
 
 
+@pytest.mark.extras
 def test_common_times_are_those_of_the_fastest_joint(tmp_path):
     first, second = ({name: x for name, x in angles().items() if name != own} for own in ("joint2", "joint1"))
     log = read_log(pair(tmp_path, first, {name: x[::2] for name, x in second.items()}), arm())
@@ -128,6 +130,7 @@ CONTRADICTIONS = [
 ]
 
 
+@pytest.mark.extras
 @pytest.mark.parametrize(("first", "second", "mapping", "sentence"), CONTRADICTIONS, ids=[x[3] for x in CONTRADICTIONS])
 def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, first, second, mapping, sentence):
     (tmp_path / "columns.toml").write_text(mapping, encoding="utf-8")
@@ -135,6 +138,7 @@ def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, first, second, m
     assert sentence in sentence_of(read_log, log, arm(), tmp_path / "columns.toml")
 
 
+@pytest.mark.extras
 def test_files_that_cannot_be_put_together(tmp_path):
     joints, _ = pair(tmp_path).split("+")
     for name, columns, sentence in (
