@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
+from ident import Body, Mechanism, Tree, read_log
 
 N = 40
 T = np.arange(N) / 100
@@ -14,11 +11,13 @@ Q = np.stack([0.3 * np.sin(5 * T), 0.6 * np.cos(7 * T)], axis=1)
 DQ = np.stack([1.5 * np.cos(5 * T), -4.2 * np.sin(7 * T)], axis=1)
 WRENCH = np.arange(6 * N).reshape(N, 6) + 0.5
 PLAIN = {"time": T, "q_ankle": Q[:, 0], "q_hip": Q[:, 1]}
-GROUND_COLUMNS = dict(zip(("ground_fx", "ground_fy", "ground_fz", "ground_mx", "ground_my", "ground_mz"), WRENCH.T))  # noqa: B905
+GROUND_COLUMNS = {f"ground_{name}": WRENCH[:, k] for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz"))}
 
 
 def text(columns, delimiter=",", decimal=".", end="\n"):
-    rows = (delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in zip(*columns.values()))  # noqa: B905
+    rows = (
+        delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in zip(*columns.values(), strict=True)
+    )
     return end.join([delimiter.join(columns), *rows, ""])
 
 

@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 from mechanisms import JOINTS, random_phi, random_pose, random_tree
 
-from ident.estimation.equations import COMPONENTS, Equations
+from ident import Equations, Mechanism, Sensor, Sensors, find_base_parameters
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.measurement import Measurement
 from ident.estimation.recorded_motion import Tracked
 from ident.estimation.setup_parameters import TRACKER, setup_parameters
 from ident.mechanism.drives import Drive
-from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import drive_names
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 from ident.recordings.stated import Tracker
-from ident.recordings.wrench import Sensor
 from ident.tolerances import DRIVE
 from ident.trajectory.fit.piece import Noise
 

@@ -1,44 +1,36 @@
 """Recordings with hardly any usable sample or without noise, and the samples that judge an estimate."""
 
 from dataclasses import replace
-from functools import partial
 
 import driven_arm
 import numpy as np
 import pytest
 import swinging
 from mechanisms import by_joint
-from persons import once
-from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
+from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, shortened
 
 import ident
 from experiments.reports.identify_page import held_out_figure
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, recorded
-from ident.errors import ExcitationError
+from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough
-from ident.identification import identified
 from ident.problem import problem_of
 from ident.setup import PRIORS
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
 RECORDING = faulty(0)
-ANGLES, WRENCH = RECORDING.of_joints(JOINTS, "position"), wrench_of(RECORDING)
-
-
-def on_a_curve(samples=400):
-    """Angles that a spline reproduces exactly, and a noisy wrench."""
-    t, none = RECORDING.time[:samples], np.zeros(samples)
-    states = [np.stack(x, axis=1) for x in ((3 * t, 0.1 * t**2 - 2 * t), (none + 3, 0.2 * t - 2), (none, none + 0.2))]
-    wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
-    noise = 0.01 * np.random.default_rng(0).normal(size=wrench.shape)
-    return angles_and_wrench(t, states[0], wrench + noise)
 
 
 def test_angles_without_any_noise_are_refused_in_one_sentence():
+    """Angles that a spline reproduces exactly, and a noisy wrench."""
+    t, none = RECORDING.time[:400], np.zeros(400)
+    states = [np.stack(x, axis=1) for x in ((3 * t, 0.1 * t**2 - 2 * t), (none + 3, 0.2 * t - 2), (none, none + 0.2))]
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    wrench += 0.01 * np.random.default_rng(0).normal(size=wrench.shape)
     with pytest.raises(ExcitationError, match=r"does not determine all parameters\. .* \(--prior on\)\.$"):
-        ident.identify(PENDULUM, on_a_curve(), known=False)
+        ident.identify(PENDULUM, angles_and_wrench(t, states[0], wrench), known=False)
 
 
 def test_equations_that_are_singular_are_solved_with_what_is_known():
@@ -56,37 +48,27 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
     assert abs(estimate.psi[0] - TRUTH[0]) < 3 * estimate.std_setup[0]
 
 
-@pytest.mark.parametrize(
-    ("samples", "message"),
-    [
-        (15, r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"),
-        (5, "needs more than 9 samples, got 5"),
-    ],
-)
-def test_a_recording_that_is_too_short_is_called_that(samples, message):
-    with pytest.raises(ident.InputError, match=message):
-        ident.identify(PENDULUM, shortened(RECORDING, samples))
+def test_a_recording_that_is_too_short_is_called_that():
+    few = r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"
+    for samples, message in ((15, few), (5, "needs more than 9 samples, got 5")):
+        with pytest.raises(ident.InputError, match=message):
+            ident.identify(PENDULUM, shortened(RECORDING, samples))
 
 
 PERSON = mistaken(humanoid(), np.random.default_rng(1))
 SQUATS = recorded("squats", 131 / 50, 3, Laboratory(rate=50.0, rail=False))
 
 
-@pytest.mark.slow
-def test_each_channel_of_a_sample_is_an_equation():
-    """131 samples of six channels, of which 79 samples are fitted, for 159 base parameters."""
-    estimate = identified(prepared(PERSON, SQUATS), known=True, setup=dict.fromkeys(PRIORS, 0), report=once)
-    assert len(estimate) == 159 and len(estimate.logs[0].indices) == 79
-
-
 def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
+    """Each channel of a sample is an equation: 79 of 131 samples are enough for 159 base parameters, 25 are not."""
     log = replace(prepared(PERSON, SQUATS), cutoff=None)
-    part = replace(log, left_out=(LeftOut(0.5, np.inf, 0.0),))
-    fitted = partial(problem_of, [part], 0.0, [])
-    assert len(fitted(alone=True, wanted=True).fitted[0].indices) == 25
+    (whole,) = problem_of([log], 0.4, [], alone=False).fitted
+    assert len(whole.indices) == 79
+    part = [replace(log, left_out=(LeftOut(0.5, np.inf, 0.0),))]
+    assert len(problem_of(part, 0.0, [], alone=True, wanted=True).fitted[0].indices) == 25
     for more in ({"alone": True, "wanted": False}, {"alone": False}):
         with pytest.raises(ident.InputError, match=r"too few for 159 .* The fit needs 28, .*; there are 25 and 25\.$"):
-            fitted(**more)
+            problem_of(part, 0.0, [], **more)
 
 
 def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():
@@ -107,48 +89,39 @@ def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condi
     assert sentence in str(estimate.summary()) and sentence in " ".join(data_lines(estimate))
 
 
-GAP = 4.0, 7.4
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", [900, 400, 120])
-def test_ends_of_a_recording_are_not_judged_however_short(samples):
-    recording = shortened(faulty(), samples)
-    held = ident.identify(PENDULUM, shortened(faulty(1), 500), held_out=recording).held_out
-    edge = min(UNSETTLED, LARGEST_END * np.ptp(recording.time))
-    inside = (recording.time > recording.time[0] + edge) & (recording.time < recording.time[-1] - edge)
-    np.testing.assert_array_equal(held.time, recording.time[inside])
-
-
-@pytest.mark.slow
-def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
-    recording = ident.Recording.from_streams(swinging.streams(np.random.default_rng(2), gap=GAP))
-    log = prepared(swinging.pendulum(), recording)
-    taken = recording.time[log.taken(slice(None))]
-    assert not ((taken > GAP[0] + 0.01) & (taken < GAP[1] - 0.01)).any() and len(taken) > 500
-    filtered = prepared(swinging.pendulum(), recording, cutoff=6.0)
-    apart = recording.time[filtered.taken(slice(None))]
-    settles = filtered.edge / recording.rate - 0.02
-    assert not ((apart > GAP[0] - settles) & (apart < GAP[1] + settles)).any()
-    held = ident.identify(swinging.pendulum(), recording).held_out
-    assert not ((held.time > GAP[0] - UNSETTLED + 0.01) & (held.time < GAP[1] + UNSETTLED - 0.01)).any()
-    psi = ident.find_base_parameters(swinging.pendulum()).regroup(swinging.pendulum().known)
-    noise = np.repeat([0.5, 0.05], 3)
-    assert (np.sqrt((held.residual_with(psi) ** 2).mean(axis=0))[[0, 1, 2, 4, 5]] < 1.2 * noise[[0, 1, 2, 4, 5]]).all()
-
-
-@pytest.mark.slow
-def test_recordings_that_are_judged_follow_one_another():
-    logs = [shortened(faulty(seed), 400) for seed in range(2)]
-    judges = [shortened(faulty(seed), 300) for seed in (5, 6)]
+def test_recordings_that_are_judged_follow_one_another_but_for_their_ends_however_short():
+    logs, lengths = [shortened(faulty(seed), 400) for seed in range(2)], (300, 120)
+    judges = [shortened(faulty(seed), samples) for seed, samples in zip((5, 6), lengths, strict=True)]
     estimate = ident.identify(PENDULUM, logs, held_out=judges)
     held = estimate.held_out
     assert (np.diff(held.time) > 0).all() and len(held.starts) == 2 and held.starts[0] == 0
     np.testing.assert_allclose(np.diff(held.time), np.median(np.diff(held.time)), rtol=1e-6)
-    first = ident.identify(PENDULUM, logs, held_out=judges[:1]).held_out
-    assert held.starts[1] == len(first.time)
-    np.testing.assert_array_equal(held.time[: held.starts[1]], first.time)
+    for judge, own in zip(judges, np.split(held.time, held.starts[1:]), strict=True):
+        edge = min(UNSETTLED, LARGEST_END * np.ptp(judge.time))
+        inside = (judge.time > judge.time[0] + edge) & (judge.time < judge.time[-1] - edge)
+        np.testing.assert_allclose(own - own[0], judge.time[inside] - judge.time[inside][0], atol=1e-9)
     (line, _) = held_out_figure(estimate).axes[0].lines
     assert np.flatnonzero(np.isnan(line.get_xdata())).tolist() == [held.starts[1]]
     rms = np.sqrt((held.residual_with(TRUTH) ** 2).mean(axis=0))
+    assert (rms[[0, 1, 2, 4, 5]] < 1.2 * np.array([0.5, 0.5, 0.5, 0.05, 0.05])).all()
+
+
+@pytest.mark.slow
+def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
+    start, end = gap = 4.0, 7.4
+    person, recording = (
+        swinging.pendulum(),
+        ident.Recording.from_streams(swinging.streams(np.random.default_rng(2), gap=gap)),
+    )
+    log, filtered = prepared(person, recording), prepared(person, recording, cutoff=6.0)
+    held = ident.identify(person, recording).held_out
+    settles = filtered.edge / recording.rate - 0.02
+    for time, margin in (
+        (recording.time[log.taken(slice(None))], -0.01),
+        (recording.time[filtered.taken(slice(None))], settles),
+        (held.time, UNSETTLED - 0.01),
+    ):
+        assert not ((time > start - margin) & (time < end + margin)).any() and len(time) > 100
+    rms = np.sqrt((held.residual_with(ident.find_base_parameters(person).regroup(person.known)) ** 2).mean(axis=0))
     assert (rms[[0, 1, 2, 4, 5]] < 1.2 * np.array([0.5, 0.5, 0.5, 0.05, 0.05])).all()

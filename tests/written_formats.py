@@ -63,71 +63,66 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
         parameters.add_parameter("FORCE_PLATFORM", parameter)
         parameters["FORCE_PLATFORM"][name]["type"] = 2
 
+    def state(group, **values):
+        for name, value in values.items():
+            parameters[group][name]["value"] = value
+
     file = ezc3d.c3d()
     parameters = file["parameters"]
-    parameters["POINT"]["RATE"]["value"] = [rate]
-    parameters["POINT"]["LABELS"]["value"] = tuple(points)
-    parameters["POINT"]["UNITS"]["value"] = ["mm"]
+    state("POINT", RATE=[rate], LABELS=tuple(points), UNITS=["mm"])
     if angles:
         file.add_parameter("POINT", "ANGLES", list(angles))
         file.add_parameter("POINT", "ANGLE_UNITS", ["deg"])
-    scaled = [x * (DEG if label in angles else 1e3) for label, x in points.items()]
-    file["data"]["points"] = np.concatenate([np.stack(scaled, 1), np.ones((len(scaled[0]), len(scaled), 1))], 2).T
-    channels = dict(analog or {})
+    scaled = np.stack([x * (DEG if label in angles else 1e3) for label, x in points.items()], axis=1)
+    file["data"]["points"] = np.concatenate([scaled, np.ones((*scaled.shape[:2], 1))], axis=2).T
+    channels, units = dict(analog or {}), ["V"] * len(analog or {})
     if wrench is not None:
-        felt = plate_readings(wrench) * np.r_[1, 1, 1, 1e3, 1e3, 1e3]
-        channels |= dict(zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), felt.T, strict=True))
-        file.add_parameter("FORCE_PLATFORM", "USED", 1)
-        file.add_parameter("FORCE_PLATFORM", "TYPE", 2)
+        whole("CHANNEL", range(len(channels) + 1, len(channels) + 7), [6, 1])
         whole("ZERO", [1, 0], [2])
-        file.add_parameter("FORCE_PLATFORM", "CORNERS", 1e3 * PLATE[:, :, None])
-        file.add_parameter("FORCE_PLATFORM", "ORIGIN", 1e3 * TOP[:, None])
-        first = len(channels) - 6
-        whole("CHANNEL", range(first + 1, first + 7), [6, 1])
+        felt = plate_readings(wrench) * np.repeat([1, 1e3], 3)
+        channels |= dict(zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), felt.T, strict=True))
+        units += 3 * ["N"] + 3 * ["Nmm"]
+        plate = {"USED": 1, "TYPE": 2, "CORNERS": 1e3 * PLATE[:, :, None], "ORIGIN": 1e3 * TOP[:, None]}
+        for name, value in plate.items():
+            file.add_parameter("FORCE_PLATFORM", name, value)
     if channels:
-        samples = len(next(iter(channels.values())))
-        parameters["ANALOG"]["RATE"]["value"] = [rate * samples / len(scaled[0])]
-        parameters["ANALOG"]["LABELS"]["value"] = tuple(channels)
-        units = {"F": "N", "M": "Nmm"}
-        parameters["ANALOG"]["UNITS"]["value"] = [units.get(x[0], "V") if len(x) == 2 else "V" for x in channels]
-        parameters["ANALOG"]["SCALE"]["value"] = [1.0] * len(channels)
-        file["data"]["analogs"] = np.stack(list(channels.values()))[None]
+        values = np.stack(list(channels.values()))
+        state("ANALOG", LABELS=tuple(channels), UNITS=units, SCALE=[1.0] * len(channels))
+        state("ANALOG", RATE=[rate * values.shape[1] / len(scaled)])
+        file["data"]["analogs"] = values[None]
     file.write(str(path))
 
 
-def write_bag(path, topics, *, stamped=True, packed=False, mode="STORAGE"):
+def write_bag(path, topics, *, stamped=True, packed=False):
     """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name."""
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import CompressionFormat as Format
-    from rosbags.rosbag2 import CompressionMode as Mode
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
     one = path.suffix == ".bag"
     store = get_typestore(Stores.ROS1_NOETIC if one else Stores.ROS2_HUMBLE)
-    plugin = StoragePlugin.MCAP if "mcap" in path.name else StoragePlugin.SQLITE3
-    writer = Writer1(path) if one else Writer2(path, version=9, storage_plugin=plugin)
-    if packed:
-        writer.set_compression(*([Writer1.CompressionFormat.BZ2] if one else [Mode[mode], Format.ZSTD]))
+    plugin = rosbag2.StoragePlugin.MCAP if "mcap" in path.name else rosbag2.StoragePlugin.SQLITE3
+    writer = rosbag1.Writer(path) if one else rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    if packed and one:
+        writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    elif packed:
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
         for topic, (time, content) in topics.items():
-            kind = "sensor_msgs/msg/JointState" if isinstance(content, dict) else "geometry_msgs/msg/WrenchStamped"
-            kind = kind if isinstance(content, dict) or content.shape[1] == 6 else "std_msgs/msg/Float64MultiArray"
+            kind = "sensor_msgs/msg/JointState"
+            if not isinstance(content, dict):
+                kind = "geometry_msgs/msg/WrenchStamped" if content.shape[1] == 6 else "std_msgs/msg/Float64MultiArray"
             connection = writer.add_connection(topic, kind, typestore=store)
             for i, t in enumerate(1_700_000_000_250_000_000 + np.round(1e9 * time).astype(np.int64)):
-                message = _message(store, kind, content, i, int(t) if stamped else 0, one)
+                message = _message(store.types, kind, content, i, int(t) if stamped else 0, {"seq": i} if one else {})
                 data = store.serialize_ros1(message, kind) if one else store.serialize_cdr(message, kind)
                 writer.write(connection, int(t) + 3_000_000, data)
 
 
-def _message(store, kind, content, i, stamp, one):
-    types = store.types
-    sec, nanosec = divmod(stamp, 10**9)
-    time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id="tool", **({"seq": i} if one else {}))
+def _message(types, kind, content, i, stamp, numbered):
+    time = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+    header = types["std_msgs/msg/Header"](stamp=time, frame_id="tool", **numbered)
     if isinstance(content, dict):
-        position, velocity, effort = (np.array(x, float) for x in zip(*(c[i] for c in content.values()), strict=True))
+        position, velocity, effort = np.array([c[i] for c in content.values()], float).T.copy()
         return types[kind](header=header, name=list(content), position=position, velocity=velocity, effort=effort)
     if content.shape[1] == 6:
         force, torque = (types["geometry_msgs/msg/Vector3"](*map(float, x)) for x in np.split(content[i], 2))
@@ -136,49 +131,43 @@ def _message(store, kind, content, i, stamp, one):
     return types[kind](layout=layout, data=np.array(content[i], float))
 
 
-def write_lerobot(folder, episodes, version=3, names=None, fps=100, together=2):
-    """Writes a LeRobot dataset of `{number: {feature: (N,) or (N, d)}}`, some with names of their components."""
+def write_lerobot(folder, episodes, version, names):
+    """Writes a LeRobot dataset of `{number: {feature: (N,) or (N, d)}}` at 100 Hz, with names of some components."""
     import json
 
     import pyarrow
     import pyarrow.parquet
 
-    numbers = sorted(episodes)
-    together = 1 if version == 2 else together
-    files = [numbers[i : i + together] for i in range(0, len(numbers), together)]
-    places, index = [], 0
-    features = {"observation.images.top": {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "c"]}}
-    for at, those in enumerate(files):
-        parts = []
-        for k in those:
-            features |= {name: _feature(x, (names or {}).get(name)) for name, x in episodes[k].items()}
-            columns, rows = {name: _cells(x) for name, x in episodes[k].items()}, len(next(iter(episodes[k].values())))
-            counts = {"frame_index": np.arange(rows), "task_index": np.zeros(rows, int)}
-            counts["episode_index"] = np.full(rows, k)
-            times = {"timestamp": (np.arange(rows) / fps).astype(np.float32)}
-            parts.append(pyarrow.table({**columns, **times, **counts, "index": index + np.arange(rows)}))
-            places.append({"episode_index": k, "data/chunk_index": 0, "data/file_index": at, "length": rows})
-            index += rows
-        name = f"episode_{those[0]:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet"
-        path = folder / "data/chunk-000" / name
+    def write(path, content):
         path.parent.mkdir(parents=True, exist_ok=True)
-        pyarrow.parquet.write_table(pyarrow.concat_tables(parts), path, row_group_size=64)
+        pyarrow.parquet.write_table(content, path, row_group_size=64)
+
+    def cells(x):
+        return x if x.ndim == 1 else pyarrow.FixedSizeListArray.from_arrays(x.ravel(), x.shape[1])
+
+    def feature(name, x):
+        return {"dtype": "float32", "shape": list(x.shape[1:]) or [1], "names": names.get(name)}
+
+    tables, places, index = [], [], 0
+    for place, k in enumerate(sorted(episodes)):
+        rows = len(next(iter(episodes[k].values())))
+        counts = {name: np.full(rows, x) for name, x in (("frame_index", 0), ("task_index", 0), ("episode_index", k))}
+        counts |= {"frame_index": np.arange(rows), "index": index + np.arange(rows)}
+        columns = {name: cells(x) for name, x in episodes[k].items()}
+        columns["timestamp"] = (np.arange(rows) / 100).astype(np.float32)
+        tables.append(pyarrow.table(columns | counts))
+        places.append({"episode_index": k, "data/chunk_index": 0, "data/file_index": place // 2, "length": rows})
+        index += rows
+        if version == 2:
+            write(folder / f"data/chunk-000/episode_{k:06d}.parquet", tables[-1])
+    features = {"observation.images.top": {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "c"]}}
+    features |= {name: feature(name, x) for each in episodes.values() for name, x in each.items()}
     features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in counts}
     features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-    (folder / "meta").mkdir()
-    info = {"codebase_version": "v2.1" if version == 2 else "v3.0", "fps": fps, "features": features}
-    (folder / "meta/info.json").write_text(json.dumps(info))
     if version == 3:
-        (folder / "meta/episodes/chunk-000").mkdir(parents=True)
-        listed = pyarrow.Table.from_pylist(places)
-        pyarrow.parquet.write_table(listed, folder / "meta/episodes/chunk-000/file-000.parquet")
-
-
-def _feature(x, names):
-    return {"dtype": "float32", "shape": [1 if x.ndim == 1 else x.shape[1]], "names": names}
-
-
-def _cells(x):
-    import pyarrow
-
-    return pyarrow.array(x) if x.ndim == 1 else pyarrow.FixedSizeListArray.from_arrays(x.ravel(), x.shape[1])
+        for k in range(0, len(tables), 2):
+            write(folder / f"data/chunk-000/file-{k // 2:03d}.parquet", pyarrow.concat_tables(tables[k : k + 2]))
+        write(folder / "meta/episodes/chunk-000/file-000.parquet", pyarrow.Table.from_pylist(places))
+    (folder / "meta").mkdir(exist_ok=True)
+    info = {"codebase_version": "v2.1" if version == 2 else "v3.0", "fps": 100, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info))

@@ -67,10 +67,9 @@ def window():
 
 def test_the_slider_moves_the_arrows_and_the_cursor_and_the_mechanism_turns_by_mouse_and_keys(page, window):
     unfolded(window, page)
-    views, chart = [window.run(RED)], window.run(CHART, 0)
+    before, chart = window.run(RED), window.run(CHART, 0)
     window.run(SLIDE, 123)
-    views.append(window.run(RED))
-    assert sum(abs(a - b) for a, b in zip(*views, strict=True)) > 2
+    assert sum(abs(a - b) for a, b in zip(before, window.run(RED), strict=True)) > 2
     assert window.run(CHART, 0) != chart
     window.type("#slider", END)
     assert window.run("return document.getElementById('slider').value") == "299"
@@ -79,19 +78,21 @@ def test_the_slider_moves_the_arrows_and_the_cursor_and_the_mechanism_turns_by_m
     window.drag("#view", (0, 0), (60, 20))
     views.append(window.run(RED))
     window.type("#view", RIGHT + RIGHT + "+")
-    views.append(window.run(RED))
-    assert views[0] != views[1] != views[2]
+    assert views[0] != views[1] != window.run(RED)
 
 
 def test_charts_zoom_all_at_once_and_back(page, window):
+    def charts():
+        return [window.run(CHART, k) for k in (0, 5)]
+
     unfolded(window, page)
-    whole = [window.run(CHART, k) for k in (0, 5)]
+    whole = charts()
     window.click("#zoom-in")
-    near = [window.run(CHART, k) for k in (0, 5)]
+    near = charts()
     window.click("#zoom-all")
-    assert [window.run(CHART, k) for k in (0, 5)] == whole and whole[0] != near[0] and whole[1] != near[1]
+    assert charts() == whole and whole[0] != near[0] and whole[1] != near[1]
     window.drag("canvas.chart", (-80, 0), (60, 10))
-    assert window.run(CHART, 5) not in (whole[1], near[1])
+    assert charts()[1] not in (whole[1], near[1])
 
 
 def test_parameters_and_findings_tell_what_they_are_about(page, window):
@@ -109,32 +110,28 @@ def test_every_command_with_a_page_is_looked_at():
 
 
 @pytest.mark.parametrize("name", every_page.COMMANDS)
-def test_every_figure_has_its_data_with_named_curves(page_of, name):
-    for drawing in page_of(name).parent.rglob("figure_*.csv"):
+def test_nothing_goes_wrong_or_out_and_the_page_fits_and_every_figure_has_its_data(page_of, window, name):
+    page = page_of(name)
+    for drawing in page.parent.rglob("figure_*.csv"):
         rows = list(csv.DictReader(drawing.read_text(encoding="utf-8").splitlines()))
         curves = {(row["panel"], row["curve"]) for row in rows}
         assert len(rows) > 5 and (len(curves) == 1 or "" not in {curve for _, curve in curves}), drawing
         assert all(row["x_axis"] or row.get("x_category") for row in rows if row["mark"] != "span"), drawing
-
-
-@pytest.mark.parametrize(("width", "dark"), [(400, True), (1200, False)])
-@pytest.mark.parametrize("name", every_page.COMMANDS)
-def test_nothing_goes_wrong_or_out_and_the_page_fits(page_of, window, name, width, dark):
-    page = page_of(name)
-    unfolded(window, page, width=width, dark=dark)
-    window.run(f"if (document.getElementById('slider')) {{ {SLIDE} }}", 40)
-    assert window.log("browser") == []
-    assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
-    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
-    assert window.run("return [...document.images].filter((image) => !image.naturalWidth).length") == 0
-    shade = window.run("return getComputedStyle(document.body).backgroundColor")
-    assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
-    filters = set(window.run("return [...document.images].map((image) => getComputedStyle(image).filter)"))
-    assert all("invert(1)" in each if dark else each == "none" for each in filters)
-    if AXE:
-        window.run(Path(AXE).read_text(encoding="utf-8"))
-        violations = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
-        assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
+    for width, dark in ((400, True), (1200, False)):
+        unfolded(window, page, width=width, dark=dark)
+        window.run(f"if (document.getElementById('slider')) {{ {SLIDE} }}", 40)
+        assert window.log("browser") == []
+        assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
+        assert window.run("return document.documentElement.scrollWidth <= innerWidth")
+        assert window.run("return [...document.images].filter((image) => !image.naturalWidth).length") == 0
+        shade = window.run("return getComputedStyle(document.body).backgroundColor")
+        assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
+        filters = set(window.run("return [...document.images].map((image) => getComputedStyle(image).filter)"))
+        assert all("invert(1)" in each if dark else each == "none" for each in filters)
+        if AXE:
+            window.run(Path(AXE).read_text(encoding="utf-8"))
+            violations = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
+            assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []
 
 
 def test_printed_drawings_keep_their_proportions_and_have_a_legend(page, window):

@@ -9,16 +9,13 @@ from pages import identified, replayed
 
 from experiments.document.replay import ellipsoid
 from ident.geometry.inertia import parameters_from_com
-from sim.models.model_mechanism import mechanism
+from sim import mechanism
 from sim.models.shapes import shapes
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    return identified(tmp_path_factory.mktemp("identified"))
-
-
-def test_findings_are_where_their_data_say(out):
+@pytest.mark.usefixtures("undrawn")
+def test_findings_are_where_their_data_say(tmp_path):
+    out = identified(tmp_path)
     shown = replayed(out / "report.html")["findings"]
     findings = json.loads((out / "estimate.json").read_text())["findings"]
     places = {each["text"]: (each["place"], page) for each, page in zip(findings, shown, strict=True)}

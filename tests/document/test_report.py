@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from experiments.document import print_table, result_folder, tabular
+from experiments.document import print_table, result_folder
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.terminal import WIDTH, wrapped
@@ -19,36 +19,31 @@ from experiments.document.writer import Card, Document
 from ident.display import plots
 from ident.files.atomic import PARTIAL
 
-TABLE = tabular.Table("Errors, kg", *tabular.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]))
-
 
 def test_csv_keeps_all_digits_and_other_forms_those_that_are_shown():
-    assert TABLE.csv() == "parameter,error,paper\nm_1,-1e-09,0.5\nIxx2,0.3333333333333333,-2.0\n"
-    assert TABLE.markdown() == (
+    table = Table("Errors, kg", *columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]))
+    assert table.csv() == "parameter,error,paper\nm_1,-1e-09,0.5\nIxx2,0.3333333333333333,-2.0\n"
+    assert table.markdown() == (
         "**Errors, kg**\n\n"
         "| parameter | error | paper |\n| --- | ---: | ---: |\n| m_1 | 0.000 | 0.500 |\n| Ixx2 | 0.333 | -2.000 |\n"
     )
-    tex = print_table.tex(TABLE)
-    assert r"$m_1$ & 0.000 & 0.500 \\" in tex
-    assert r"\caption{Errors, kg.}" in tex
+    tex = print_table.tex(table)
+    assert r"$m_1$ & 0.000 & 0.500 \\" in tex and r"\caption{Errors, kg.}" in tex
     assert r"\begin{tabular}{@{}lS[table-format=1.3]S[table-format=-1.3]@{}}" in tex
     assert tex.count(r"\begin") == tex.count(r"\end") == 3
 
 
 def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several():
-    many = tabular.Table("t", ("name", *map(str, range(40))), [("a", *[1.5] * 40)])
-    long = tabular.Table("t", ("name",), [(str(k),) for k in range(100)])
     notes = {"marked": frozenset(["m2rz2"]), "footnote": "Why.", "notes": ("All.",), "bodies": ("a", "shank & foot")}
     rows = [("m1", 1.0, "m1 + 0.425 m3"), ("m2rz2", 2e6, "m2rz2 - 2 Ixy3")]
-    wide = tabular.Table("t", ("parameter", "x", "regrouping"), rows, **notes)
-    one, floats, pages = (print_table.tex(each, "t") for each in (wide, many, long))
-    assert one.count(r"\begin{table*}") == 1
+    one = print_table.tex(Table("t", ("parameter", "x", "regrouping"), rows, **notes), "t")
+    assert one.count(r"\begin{table*}") == 1 and r"\item[*] Why." in one and r"\item All." in one
     assert r"of \emph{shank \& foot} & \unit{\kilo\gram\metre} & 2.00e+06 & $m_{2}r_{z,2} - 2\,I_{xy,3}$ \\" in one
-    assert r"\item[*] Why." in one and r"\item All." in one
+    floats = print_table.tex(Table("t", ("name", *map(str, range(40))), [("a", *[1.5] * 40)]), "t")
     count = floats.count(r"\begin{table")
     assert count > 2 and floats.count(r"\label") == 1
     assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
-    assert pages.count(r"\toprule") == 2
+    assert print_table.tex(Table("t", ("name",), [(str(k),) for k in range(100)]), "t").count(r"\toprule") == 2
 
 
 @pytest.mark.parametrize(
@@ -65,33 +60,30 @@ def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several():
     ],
 )
 def test_headings_are_words_but_in_csv(name, words):
-    table = tabular.Table("t", ("parameter", name), (("m1rx1", 1.0),))
-    assert table.csv().startswith(f"parameter,{name}\n")
-    assert f"| parameter | {words} |" in table.markdown()
+    table = Table("t", ("parameter", name), (("m1rx1", 1.0),))
+    assert table.csv().startswith(f"parameter,{name}\n") and f"| parameter | {words} |" in table.markdown()
     assert table.text().splitlines()[1].split(maxsplit=1) == ["parameter", words]
     assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
+
+
+def written(folder, names="a"):
+    with result_folder.results_folder(folder) as temporary:
+        for name in names:
+            (temporary / name).write_text("second")
 
 
 @pytest.mark.parametrize("obstacle", ["b", "summary"])
 def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     (tmp_path / obstacle).mkdir()
     (tmp_path / "a").write_text("first")
-
-    def run():
-        with result_folder.results_folder(tmp_path) as folder:
-            for name in ("a", obstacle):
-                (folder / name).write_text("second")
-
     with pytest.raises(ValueError, match=f"room for a file '{obstacle}'"):
-        run()
-    assert (tmp_path / "a").read_text() == "first"
-    assert {path.name for path in tmp_path.iterdir()} == {"a", obstacle}
+        written(tmp_path, ["a", obstacle])
+    assert (tmp_path / "a").read_text() == "first" and {path.name for path in tmp_path.iterdir()} == {"a", obstacle}
 
 
 def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("first")
-    replace = type(tmp_path).replace
-    calls = []
+    replace, calls = type(tmp_path).replace, []
 
     def failing(path, target):
         calls.append(path)
@@ -99,17 +91,12 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
             raise OSError(5, "Input/output error", str(target))
         return replace(path, target)
 
-    def run():
-        with result_folder.results_folder(tmp_path) as folder:
-            (folder / "a").write_text("second")
-            monkeypatch.setattr(type(tmp_path), "replace", failing)
-
+    monkeypatch.setattr(type(tmp_path), "replace", failing)
     with pytest.raises(ValueError, match="could not be moved") as raised:
-        run()
+        written(tmp_path)
     monkeypatch.undo()
     (kept,) = [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert kept.read_text() == "first"
-    assert f"earlier files are in '{kept.parent}'" in str(raised.value)
+    assert kept.read_text() == "first" and f"earlier files are in '{kept.parent}'" in str(raised.value)
 
 
 KILLED = """
@@ -129,9 +116,6 @@ def run(out, where):
     with result_folder.results_folder(out) as folder:
         for name in "ab":
             (folder / name).write_text("second")
-        if where == "waiting":
-            print("ready", flush=True)
-            input()
         if where == "writing":
             stop()
         replace, calls = Path.replace, []
@@ -141,16 +125,14 @@ def run(out, where):
         Path.replace, result_folder.shutil.rmtree = until, stop
 
 for out in map(Path, sys.argv[1:]):
-    if out.name == "waiting" or os.fork() == 0:
+    if os.fork() == 0:
         run(out, out.name)
     _, status = os.wait()
     assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL
 """
 
-needs_locks = pytest.mark.skipif(sys.platform == "win32", reason="this system has no locks on folders")
 
-
-@needs_locks
+@pytest.mark.skipif(sys.platform == "win32", reason="this system has no locks on folders")
 def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
     folders = [tmp_path / where for where in ("file", "writing", *"012345")]
     for folder, name in product(folders, "ab"):
@@ -171,7 +153,7 @@ def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
 
 @pytest.mark.parametrize("name", ["=1+2", "+x()", "-x|y!A0", "@SUM(A1)", "\t=x"])
 def test_names_are_no_formulas_of_spreadsheets(name):
-    table = tabular.Table("t", ("parameter", name), (("m1", 1.0), (name, -2.5)), bodies=(name,))
+    table = Table("t", ("parameter", name), (("m1", 1.0), (name, -2.5)), bodies=(name,))
     (first, *head), *rows = csv.reader(io.StringIO(table.csv()))
     assert (first, head) == ("parameter", ["body", f"'{name}"])
     assert rows == [["m1", f"'{name}", "1.0"], [f"'{name}", "", "-2.5"]]
@@ -181,20 +163,18 @@ def test_names_are_no_formulas_of_spreadsheets(name):
 @pytest.mark.parametrize("samples", [100, 511, 1777])
 def test_spectra_are_welchs(samples):
     x = np.random.default_rng(0).normal(size=samples).cumsum()
-    frequency, amplitude = plots.amplitude_spectrum(x, 50.0)
     expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
+    frequency, amplitude = plots.amplitude_spectrum(x, 50.0)
     np.testing.assert_allclose(frequency, expected[0])
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
 
 
 def test_the_provenance_has_the_kernels_and_a_remark_where_they_are_slow(monkeypatch, tmp_path):
-    own = result_folder.provenance({})["linear_algebra"]
-    assert own["openblas_kernels"] == result_folder.kernels()
+    assert result_folder.provenance({})["linear_algebra"]["openblas_kernels"] == result_folder.kernels()
     monkeypatch.setattr(result_folder.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert result_folder.kernels() == {}
     monkeypatch.setattr(result_folder.Path, "read_text", lambda *_, **__: "processor: 0")
-    assert result_folder.features() == set()
-    assert result_folder.advice(result_folder.kernels(), result_folder.features()) is None
+    assert result_folder.kernels() == {} and result_folder.features() == set()
+    assert result_folder.advice({}, set()) is None
     monkeypatch.setattr(result_folder, "kernels", lambda: {"scipy": "Haswell"})
     monkeypatch.setattr(result_folder, "features", lambda: {"avx512f"})
     remark = result_folder.provenance({})["linear_algebra"]["remark"]
@@ -239,11 +219,6 @@ def test_only_sums_of_several_parameters_are_marked_and_noted():
     assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped={"": names}).remarks()
 
 
-def shown(text):
-    """Text with symbols between dollars and without indices."""
-    return "".join(plain + "$" * bool(symbol) + "".join(map("".join, symbol)) for plain, symbol in pieces(text))
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -259,36 +234,24 @@ def shown(text):
     ],
 )
 def test_parameters_and_channels_become_symbols_and_names_stay(text, expected):
-    assert shown(text) == expected
+    """Symbols stand here after dollars and without indices."""
+    shown = (plain + "$" * bool(symbol) + "".join(map("".join, symbol)) for plain, symbol in pieces(text))
+    assert "".join(shown) == expected
 
 
-SUM = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
-
-
-def words(lines):
-    return " ".join(lines).split()
-
-
-def test_long_sentences_break_below_what_they_begin_with():
-    sentence = "word " * 60 + "end."
-    short = "A line that fits stays  as it is."
-    lines = wrapped(f"{short}\n  - {sentence}").split("\n")
-    assert lines[0] == short and max(map(len, lines)) <= WIDTH
-    assert lines[1].startswith("  - word") and all(re.match(r"    \S", line) for line in lines[2:])
-    assert words(lines[1:]) == ["-", *sentence.split()]
-
-
-@pytest.mark.parametrize("cells", [("x", None), ("y", 2.0)])
-def test_tables_and_their_titles_fit(cells):
-    wide = tabular.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
-    assert max(map(len, wide.text().splitlines())) <= WIDTH
+def test_long_sentences_and_tables_fit_and_break_below_what_they_begin_with():
+    short, sentence = "A line that fits stays  as it is.", "word " * 60 + "end."
+    first, *lines = wrapped(f"{short}\n  - {sentence}").split("\n")
+    assert first == short and max(map(len, lines)) <= WIDTH and " ".join(lines).split() == ["-", *sentence.split()]
+    assert lines[0].startswith("  - word") and all(re.match(r"    \S", line) for line in lines[1:])
+    sums = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
+    for cells in (("x", None), ("y", 2.0)):
+        wide = Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, sums, sums),), footnote="note " * 40)
+        assert max(map(len, wide.text().splitlines())) <= WIDTH
 
 
 def test_doubts_stand_below_the_verdict_that_counts_them():
-    shown = Document(
-        verdict="Not usable as it is: one finding below speaks against it.",
-        findings=[Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)],
-        lines=["36 of 159."],
-    ).text()
     verdict = "Not usable as it is: one finding below speaks against it."
+    findings = [Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)]
+    shown = Document(verdict=verdict, findings=findings, lines=["36 of 159."]).text()
     assert shown.splitlines()[-3:] == [verdict, "  ! Logs disagree.", "36 of 159."]

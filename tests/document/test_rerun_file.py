@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from commands import refusal
 from pages import options
+from scipy.spatial.transform import Rotation
 
 import scenes
 from experiments import identify
 from experiments.document.replay import Replay, write_rerun
-from ident.mechanism.motion import Motion
-from ident.recordings.recording import Recording
-from sim.models.model_mechanism import mechanism
+from ident import Motion, Recording
+from sim import mechanism
 
 pytestmark = pytest.mark.extras
 
@@ -25,8 +25,7 @@ def replay():
     arm = mechanism(scenes.load("double_pendulum"), "base")
     force = np.tile(FORCE, (len(TIME), 1))
     recording = Recording(TIME, {"ground_force": force, "ground_torque": 0 * force})
-    motion = Motion(np.outer(TIME, [0.2, 0.1]), np.zeros((len(TIME), 2)), np.zeros((len(TIME), 2)))
-    drawn = np.arange(0, len(TIME), 2)
+    motion, drawn = Motion(np.outer(TIME, [0.2, 0.1]), *np.zeros((2, len(TIME), 2))), np.arange(0, len(TIME), 2)
     measured = np.stack([np.sin(TIME), np.cos(TIME)], axis=1)[drawn]
     predicted = np.where(np.arange(len(drawn))[:, None] < [len(drawn), 7], measured + 1, np.nan)
     channels = [("Fz", "N"), ("elbow / left", "N m")]
@@ -47,48 +46,33 @@ def contents(path):
     return columns
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def test_bodies_forces_and_curves_are_those_of_the_replay(tmp_path):
     pytest.importorskip("rerun", reason="rerun-sdk is in the extra 'rerun'")
-    path = tmp_path_factory.mktemp("rerun") / "replay.rrd"
-    write_rerun(replay(), path)
-    return contents(path)
-
-
-def test_bodies_are_where_the_motion_puts_them(written):
     shown = replay()
-    poses = shown.poses(shown.drawn)
+    write_rerun(shown, tmp_path / "replay.rrd")
+    written, poses = contents(tmp_path / "replay.rrd"), shown.poses(shown.drawn)
     for i, name in enumerate(shown.mechanism.tree.names):
         body = written[f"/mechanism/bodies/{name}"]
         np.testing.assert_allclose(body["time"], TIME[::2], atol=1e-9)
         translation = np.reshape(body["Transform3D:translation"], (-1, 3))
         np.testing.assert_allclose(translation, poses[:, i, :3, 3], atol=1e-6)
-        x, y, z, w = np.reshape(body["Transform3D:quaternion"], (-1, 4)).T
-        np.testing.assert_allclose(2 * (x * y - w * z), poses[:, i, 0, 1], atol=1e-6)
-        np.testing.assert_allclose(1 - 2 * (x * x + y * y), poses[:, i, 2, 2], atol=1e-6)
+        turns = Rotation.from_quat(np.reshape(body["Transform3D:quaternion"], (-1, 4))).as_matrix()
+        np.testing.assert_allclose(turns, poses[:, i, :3, :3], atol=1e-6)
         assert any(entity.startswith(f"/mechanism/bodies/{name}/shape") for entity in written)
     (place,) = written["/mechanism"]["Transform3D:translation"]
     np.testing.assert_allclose(place[0], shown.mechanism.pose[:3, 3], atol=1e-6)
-
-
-def test_forces_point_as_they_were_measured(written):
     force = written["/mechanism/forces/ground"]
     vectors = np.reshape(force["Arrows3D:vectors"], (-1, 3))
     np.testing.assert_allclose(force["time"], TIME[::2], atol=1e-9)
     directions = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     np.testing.assert_allclose(directions, np.tile(FORCE / np.linalg.norm(FORCE), (len(vectors), 1)), atol=1e-6)
-
-
-def test_channels_are_the_curves_without_the_samples_that_they_lack(written):
-    shown = replay()
     for k, entity in enumerate(("/channels/Fz", "/channels/elbow\\ \\/\\ left")):
         for label, values in shown.curves.items():
-            curve = written[f"{entity}/{label}"]
-            there = np.isfinite(values[:, k])
+            curve, there = written[f"{entity}/{label}"], np.isfinite(values[:, k])
+            assert there.sum() == (7 if k and label == "predicted" else len(there))
             np.testing.assert_allclose(curve["time"], TIME[::2][there], atol=1e-9)
             np.testing.assert_array_equal(np.ravel(curve["Scalars:scalars"]), values[there, k])
             assert curve["SeriesLines:names"] == [[label]]
-    assert len(written["/channels/elbow\\ \\/\\ left/predicted"]["time"]) == 7
 
 
 @pytest.mark.usefixtures("undrawn")

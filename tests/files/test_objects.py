@@ -10,30 +10,30 @@ import pytest
 from driven_arm import jointly, quick
 
 import ident
-from ident.errors import InputError
+import sim
+from ident import InputError
 from ident.files.objects import load_object
 
 
 @pytest.mark.parametrize("make", [quick, jointly])
 def test_an_estimate_read_back_answers_the_same(tmp_path, make):
-    estimate = make()
+    estimate, motion = make(), make().held_out.samples.motion
     estimate.save(tmp_path / "arm.npz")
     again = ident.Estimate.load(tmp_path / "arm.npz")
     assert str(again) == str(estimate) and again.to_dict() == estimate.to_dict()
-    np.testing.assert_array_equal(again.psi, estimate.psi)
-    np.testing.assert_array_equal(again.covariance_setup, estimate.covariance_setup)
-    np.testing.assert_array_equal(again.consistent().phi, estimate.consistent().phi)
-    motion = estimate.held_out.samples.motion
-    np.testing.assert_array_equal(again.predict(motion), estimate.predict(motion))
+    for answer in (
+        lambda x: x.psi,
+        lambda x: x.covariance_setup,
+        lambda x: x.consistent().phi,
+        lambda x: x.predict(motion),
+    ):
+        np.testing.assert_array_equal(answer(again), answer(estimate))
     assert again.compare(estimate).p_value == pytest.approx(1)
-    assert again.prepared.mechanism.source is None
-    assert again.drives_updated == estimate.drives_updated
+    assert again.prepared.mechanism.source is None and again.drives_updated == estimate.drives_updated
     assert [path.name for path in tmp_path.iterdir()] == ["arm.npz"]
 
 
 def test_the_model_is_written_with_the_mechanism_of_its_file(tmp_path):
-    import sim
-
     (tmp_path / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     quick().save(tmp_path / "arm.npz")
     again = ident.Estimate.load(tmp_path / "arm.npz")
@@ -41,24 +41,19 @@ def test_the_model_is_written_with_the_mechanism_of_its_file(tmp_path):
     np.testing.assert_allclose(sim.mechanism(tmp_path / "new.xml").known, again.consistent().phi, rtol=1e-9, atol=1e-12)
 
 
-def saved(tmp_path):
-    """Content of a saved estimate, and a function that writes it again."""
+def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
     path = tmp_path / "arm.npz"
     quick().save(path)
     with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-
-    def write(content):
-        np.savez(path, **(arrays | {"objects": np.array(json.dumps(content))}))
-        return path
-
-    return json.loads(str(arrays["objects"])), write
-
-
-def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
-    content, write = saved(tmp_path)
+        arrays = dict(archive)
+    content = json.loads(str(arrays["objects"]))
     at = next(k for k, each in enumerate(content["objects"]) if each[0] == "data" and "Fit" in each[1])
     name, own = content["objects"][at][1:]
+
+    def load(**change):
+        np.savez(path, **arrays | {"objects": np.array(json.dumps(content | change))})
+        ident.Estimate.load(path)
+
     for entry, message in (
         (["data", name, {**own, "more": 0}], "Fit has other fields in this version"),
         (["data", "os:system", own], "it holds 'os:system'"),
@@ -69,12 +64,10 @@ def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
         (["array", "none"], "none"),
         (["thing", 1], ""),
     ):
-        objects = list(content["objects"])
-        objects[at] = entry
         with pytest.raises(InputError, match=rf"arm.npz is no saved estimate that this version can read \(.*{message}"):
-            ident.Estimate.load(write({**content, "objects": objects}))
+            load(objects=[*content["objects"][:at], entry, *content["objects"][at + 1 :]])
     with pytest.raises(InputError, match=r"arm.npz holds a saved payload; needed is a saved estimate"):
-        ident.Estimate.load(write({**content, "kind": "payload"}))
+        load(kind="payload")
 
 
 def test_what_is_no_saved_estimate_is_one_sentence(tmp_path):

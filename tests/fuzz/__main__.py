@@ -2,7 +2,6 @@
 
 import argparse
 import faulthandler
-import os
 import shutil
 import signal
 import sys
@@ -10,7 +9,7 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, chdir, contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from unittest import mock
@@ -33,7 +32,6 @@ DRAWN = 40  # One of so many cases draws its figures, which takes longer than al
 CLEAN = ("accepted", "refused")
 """Acceptable endings; others are `traceback`, `hang`, `foreign` for a library's words, `odd` for a bare exit code."""
 
-DRAW = figures.drawn
 ROOT = Path(__file__).parents[2]
 
 
@@ -41,41 +39,38 @@ class Hang(BaseException):
     """A case took too long."""
 
 
+def hang(*_):
+    """Ends a case."""
+    raise Hang
+
+
 @contextmanager
 def runner(seed):
     """Function that runs case k: the kind of its ending, the sentence or the place of the error, and all its output."""
-
-    def hang(*_):
-        raise Hang
-
-    before = Path.cwd()
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as name, mock.patch.object(workers, "Processes", Here):
-        corpus, folder = Path(name) / "corpus", Path(name) / "case"
+    with ExitStack() as stack:
+        name = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fuzz-")))
+        stack.enter_context(mock.patch.object(workers, "Processes", Here))
+        # MuJoCo logs warnings into the working directory.
+        stack.enter_context(chdir(name))
+        stack.enter_context(warnings.catch_warnings(action="ignore"))
+        stack.callback(signal.signal, signal.SIGPROF, signal.signal(signal.SIGPROF, hang))
+        corpus, folder = name / "corpus", name / "case"
         corpus.mkdir()
         commands.write_corpus(corpus)
-        old = signal.signal(signal.SIGPROF, hang)
-        # MuJoCo logs warnings into the working directory.
-        os.chdir(name)
 
         def run(case):
             shutil.rmtree(folder, ignore_errors=True)
             rng = np.random.default_rng((seed, case))
             command = any_of(rng, commands.COMMANDS)
             arguments = [*arguments_of(command, corpus, folder, rng), "--out", str(folder / "out")]
-            out, err = StringIO(), StringIO()
-            draw = DRAW if case % DRAWN == 0 else not_drawn
-            with mock.patch.object(figures, "drawn", draw), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                with redirect_stdout(out), redirect_stderr(err):
-                    kind, what = ending(command.module, arguments, err)
+            draw = figures.drawn if case % DRAWN == 0 else not_drawn
+            drawing, out, err = mock.patch.object(figures, "drawn", draw), StringIO(), StringIO()
+            with drawing, redirect_stdout(out), redirect_stderr(err):
+                kind, what = ending(command.module, arguments, err)
             story = [f"{command.module.__name__} {' '.join(arguments)}", out.getvalue(), err.getvalue()]
             return kind, what, "\n".join(filter(None, [*story, f"{kind}: {what}"]))
 
-        try:
-            yield run
-        finally:
-            os.chdir(before)
-            signal.signal(signal.SIGPROF, old)
+        yield run
 
 
 def arguments_of(command, corpus, folder, rng):
@@ -97,12 +92,11 @@ def arguments_of(command, corpus, folder, rng):
 
     folder.mkdir()
     files = ["+".join(file(kind, each) for each in any_of(rng, names).split("+")) for kind, names in command.files]
-    given = [str(folder / each) for each in command.given] or files
-    chosen = {
-        option: values
-        for option, values in command.right.items()
-        if option in command.always or ("columns" in wrong and "@columns" in "".join(values)) or rng.random() < 0.15
-    }
+    given, chosen = [str(folder / each) for each in command.given] or files, {}
+    for option, values in command.right.items():
+        needed = option in command.always or ("columns" in wrong and "@columns" in "".join(values))
+        if needed or rng.random() < 0.15:
+            chosen[option] = values
     if "options" in wrong:
         option = any_of(rng, list(command.wrong))
         chosen[option] = command.wrong[option]

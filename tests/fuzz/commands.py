@@ -4,10 +4,10 @@ import json
 from dataclasses import dataclass
 from types import ModuleType
 
-import mujoco
 import numpy as np
 import wrist
-from written_formats import write_csv, write_mat, write_mot, write_trc
+from marked import labels_of, trc, trial
+from written_formats import write_csv, write_mat, write_mot
 
 import scenes
 from experiments import angles, compare, excite, human, identify, payload
@@ -182,23 +182,19 @@ def _write_results(folder):
         }
         log = {"model": {"file": "m.xml", "sha256": "0"}, "logs": [{"file": f"{k}.csv", "sha256": str(k)}]}
         run = {"options": {"estimator": "trajectory", "fix": [], "gaps": bool(k)}, "recording": log}
+        run |= {"versions": {"multicontact": "1"}, "git_commit": None}
         (folder / name).mkdir()
-        contents = {"estimate": estimate, "provenance": run | {"versions": {"multicontact": "1"}, "git_commit": None}}
-        for file, content in contents.items():
+        for file, content in (("estimate", estimate), ("provenance", run)):
             (folder / name / f"{file}.json").write_text(json.dumps(content), encoding="utf-8")
 
 
 def _write_markers(folder):
     """Writes a double pendulum with markers, and a trial of it."""
-    spec, places = scenes.load("double_pendulum"), ((0.1, 0, 0.1), (0, 0.1, 0.2), (-0.1, 0, 0.3))
-    labels = {f"{body}_{k}": at for body in ("base", "link1", "link2") for k, at in enumerate(places)}
-    for label, at in labels.items():
-        spec.body(label[:-2]).add_site(name=label, pos=at)
-    model, time = spec.compile(), np.arange(40) / 100
+    spec = scenes.load("double_pendulum")
+    for body in ("base", "link1", "link2"):
+        for k, at in enumerate(((0.1, 0, 0.1), (0, 0.1, 0.2), (-0.1, 0, 0.3))):
+            spec.body(body).add_site(name=f"{body}_{k}", pos=at)
+    model = spec.compile()
     (folder / "marked.xml").write_text(spec.to_xml(), encoding="utf-8")
-    data, positions = mujoco.MjData(model), []
-    for t in time:
-        data.qpos[:] = 0.3 * np.sin(3 * t + np.arange(model.nq))
-        mujoco.mj_kinematics(model, data)
-        positions.append([data.site(label).xpos.copy() for label in labels])
-    write_trc(folder / "marked.trc", time, dict(zip(labels, np.array(positions).swapaxes(0, 1), strict=True)))
+    time, _, x = trial(model, 40)
+    (folder / "marked.trc").write_text(trc(time, labels_of(model), x), encoding="utf-8")

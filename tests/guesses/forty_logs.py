@@ -14,7 +14,7 @@ from guesses.odd_logs import DEG, text, vector
 from scipy.io import savemat
 
 import sim
-from ident.mechanism.mechanism import Mechanism
+from ident import Mechanism
 
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 """Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""

@@ -6,7 +6,7 @@ import numpy as np
 
 import scenes
 import sim
-from ident.model.regressor import joint_torque_regressor
+from ident import joint_torque_regressor
 from ident.recordings.smoothing import smoothed
 from sim.motion.excitation import DOUBLE_PENDULUM
 

@@ -14,10 +14,8 @@ import sim
 from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
 from experiments.guesses.words import words
-from ident.mechanism.body import Body, ball_twist
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.channels import wrench_groups
+from ident import Body, Mechanism, Tree
+from ident.mechanism.body import ball_twist
 from ident.recordings.mapping import read_mapping
 
 JOINTS = ("joint1", "joint2")
@@ -44,41 +42,34 @@ def test_the_guessed_mapping_reads_as_the_true_one(tmp_path, log):
         # Gains of motors are regressed on the model.
         close = 0.03 if log is motors and name.endswith("torque") else 1e-9
         np.testing.assert_allclose(recording[name], x, rtol=close, atol=1e-9)
-
-
-def test_gains_of_motors_come_with_deviations_that_hold_the_truth(tmp_path):
-    belief, _ = guessed(write(tmp_path, motors)[0])
-    for joint, gain in zip(JOINTS, GAINS, strict=True):
+    for joint, gain in zip(JOINTS, GAINS, strict=True) if log is motors else ():
         torque = belief.quantities[f"joints.{joint}.torque"]
         deviation = float(torque.why[-1].split("±")[1].split()[0])
         assert abs(torque.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
 
 
-def angles():
-    return [recording()[f"{joint}_position"] for joint in JOINTS]
+Q1, Q2 = (recording()[f"{joint}_position"] for joint in JOINTS)
+WRENCH = recording().wrench("ground").values
 
 
-def log_of(tmp_path, columns, wrench=None):
-    """A log of some columns beside the ground's wrench, or another one (N, 6)."""
-    x, path = recording().wrench("ground").values if wrench is None else wrench, tmp_path / "log.csv"
-    columns = {"time": recording().time, **columns, **vector("F{}", x[:, :3]), **vector("M{}", x[:, 3:])}
-    path.write_text(text(columns), encoding="utf-8")
-    return path
+def guessed_of(tmp_path, columns, wrench=WRENCH):
+    """The belief of some columns beside the ground's wrench (N, 6), and its file."""
+    columns = {"time": recording().time, **columns, **vector("F{}", wrench[:, :3]), **vector("M{}", wrench[:, 3:])}
+    (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
+    return guessed(tmp_path / "log.csv")
 
 
 def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
-    q1, q2 = angles()
-    noise = np.random.default_rng(0).normal(size=len(q1))
-    belief, columns = guessed(log_of(tmp_path, {"q_joint1": q1, "q_joint2": q2, "dq_joint1": noise}))
+    noise = np.random.default_rng(0).normal(size=len(Q1))
+    belief, columns = guessed_of(tmp_path, {"q_joint1": Q1, "q_joint2": Q2, "dq_joint1": noise})
     assert belief.quantities["joints.joint1.velocity"].column == "" and "dq_joint1" in belief.unused
     assert any("named like the velocity of 'joint1'" in sentence for sentence in belief.notes)
     assert "joint1_velocity" not in ident.read_log(tmp_path / "log.csv", arm(), columns).measured
 
 
 def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
-    r, (q1, q2) = recording(), angles()
     turn = np.kron(np.eye(2), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    belief, columns = guessed(log_of(tmp_path, {"joint1": q1, "joint2": -q2}, r.wrench("ground").values @ turn.T))
+    belief, columns = guessed_of(tmp_path, {"joint1": Q1, "joint2": -Q2}, WRENCH @ turn.T)
     assert belief.open[0].startswith("One of joint1, joint2 has the opposite sign")
     mapping = read_mapping(columns, arm().tree)
     assert not mapping.sums and mapping.sensors["ground"].applied_to_link
@@ -86,24 +77,18 @@ def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
 
 
 def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
-    wrench = 1e-9 * recording().wrench("ground").values
-    belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, angles(), strict=True)), wrench))
+    belief, _ = guessed_of(tmp_path, {"joint1": Q1, "joint2": Q2}, 1e-9 * WRENCH)
     assert not {"unit", "torque_unit"} & belief.groups["ground"].entries.keys()
     assert sum("which no other unit explains" in note for note in belief.notes) == 2
 
 
-@pytest.mark.parametrize(("name", "factor"), [("A{} [deg]", DEG), ("joint{}_position", 1.0)])
-def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path, name, factor):
-    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-    log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
-    columns = {name.format(k): factor * log[f"{joint}_position"] for k, joint in enumerate(wrist.JOINTS, 1)}
-    columns = {"time": log.time} | columns
-    path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
-    belief = believed(robot, [path])
-    write_mapping(tmp_path / "guessed.toml", belief)
-    read = ident.read_log(path, robot, tmp_path / "guessed.toml")
-    sensor = read.sensors["wrist"]
+def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
+    robot, log = sim.mechanism(mujoco.MjSpec.from_string(wrist.model())), wrist.log(seconds=6.0)
+    columns = {f"A{k} [deg]": DEG * log[f"{joint}_position"] for k, joint in enumerate(wrist.JOINTS, 1)}
+    columns |= vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])
+    read, belief = read_as_guessed(tmp_path, columns, robot)
     np.testing.assert_allclose(read["joint6_position"], log["joint6_position"], atol=1e-4)
+    sensor = read.sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
     assert belief.groups["wrist"].is_inner and sensor.body == "tool" and sensor.applied_to_link and belief.open == []
 
@@ -118,44 +103,44 @@ def posed(pattern, x, components):
     return {pattern.format(c): column for c, column in zip(components, x.T, strict=True)}
 
 
-def read_as_guessed(tmp_path, columns, mechanism, base=None):
+def believed_of(tmp_path, columns, mechanism, base=None):
+    count = len(next(iter(columns.values())))
+    (tmp_path / "log.csv").write_text(text({"time": np.arange(count) / 100, **columns}), encoding="utf-8")
+    return believed(mechanism, [tmp_path / "log.csv"], base=base)
+
+
+def read_as_guessed(tmp_path, columns, mechanism, **given):
     """The log read by its guessed mapping, and the belief."""
-    belief = believed_of(tmp_path, columns, mechanism, base)
+    belief = believed_of(tmp_path, columns, mechanism, **given)
+    (tmp_path / "c.toml").unlink(missing_ok=True)
     write_mapping(tmp_path / "c.toml", belief)
     return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
 
 
-@pytest.mark.parametrize("pattern", ["hip_position.{}", "Hip quat {}", "hip_q{}", "q{}"])
-def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
+def same_turns(turns):
+    own = Rotation.from_matrix(turns) if turns.ndim == 3 else Rotation.from_quat(turns, scalar_first=True)
+    return (own * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
+
+
+def test_ball_joints_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((HIP, KNEE)), np.zeros(3))
-    columns = posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
-    if pattern == "q{}":
-        absent = "No column looks like the position of 'hip'; --fix hip leaves out what rests."
-        assert believed_of(tmp_path, columns, mechanism).open == [absent]
-        return
-    log, belief = read_as_guessed(tmp_path, columns, mechanism)
-    orientation = Rotation.from_quat(log["hip_position"], scalar_first=True)
-    assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
-    np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
-    assert belief.open == [] and belief.complete
+    for pattern in ("hip_position.{}", "Hip quat {}", "hip_q{}"):
+        log, belief = read_as_guessed(tmp_path, posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
+        np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
+        assert same_turns(log["hip_position"]) and belief.open == [] and belief.complete
+    absent = "No column looks like the position of 'hip'; --fix hip leaves out what rests."
+    belief = believed_of(tmp_path, posed("q{}", TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
+    assert belief.open == [absent]
 
 
-@pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
-def test_poses_of_a_base_are_found_by_their_names(tmp_path, pattern, place):
+def test_poses_of_a_base_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
-    factor = 1000 if "mm" in place else 1
-    columns = posed(pattern, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
-    log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
-    np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
-    expected = Rotation.from_quat(TURNS, scalar_first=True).as_matrix()
-    np.testing.assert_allclose(log.base[:, :3, :3], expected, atol=1e-6)
-    assert belief.unused == []
-    assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
-
-
-def believed_of(tmp_path, columns, mechanism, base=None):
-    (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    return believed(mechanism, [tmp_path / "log.csv"], base=base)
+    for turn, place, factor in (("pelvis_q{}", "pelvis_p{}", 1), ("trunk rot {}", "trunk pos {} [mm]", 1000)):
+        columns = posed(turn, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
+        log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
+        np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
+        assert same_turns(log.base[:, :3, :3]) and belief.unused == []
+        assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
 @pytest.mark.parametrize(
@@ -186,13 +171,3 @@ def believed_of(tmp_path, columns, mechanism, base=None):
 def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
     meaning = words(name)
     assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
-
-
-@pytest.mark.parametrize("whose", ["1", "foot_r", "calcn_l"])
-@pytest.mark.parametrize("moment", ["force_{}_m{}", "moment_{}_m{}", "torque_{}_{}"])
-def test_moments_of_plates_belong_to_their_forces(whose, moment):
-    patterns = ("ground_force_{}_v{}", "ground_force_{}_p{}", f"ground_{moment}")
-    names = [pattern.format(whose, axis) for pattern in patterns for axis in "xyz"]
-    (group,) = wrench_groups([*names, "knee_angle_r"]).values()
-    kinds = ("force", "point", "torque")
-    assert group == dict(zip([(kind, axis) for kind in kinds for axis in "xyz"], names, strict=True))

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from commands import sentence_of
-from guesses.odd_logs import arm, recording
+from guesses.odd_logs import arm, recording, vector
 from malformed_logs import PLAIN, N, Q, T, read, text
 from written_formats import DEG, write_csv, write_mot
 
 import ident
-from ident.errors import LogError
-from ident.recordings.log import read_log, read_log_pieces
+from ident import LogError, read_log
+from ident.recordings.log import read_log_pieces
 from ident.recordings.times import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
@@ -69,22 +69,17 @@ def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
         read(tmp_path, text(columns | {"ground_fz": np.where(T < 0.345, np.nan, T)}), gaps=True)
 
 
-ANGLES = {f"joint{k}": f"joint{k}_position" for k in (1, 2)}
-
-
 def angles():
     """Columns of the file of angles, at 100 Hz."""
-    return {"time": recording().time} | {name: recording()[channel] for name, channel in ANGLES.items()}
+    r = recording()
+    return {"time": r.time, "joint1": r["joint1_position"], "joint2": r["joint2_position"]}
 
 
-def forces(start=0.0, rate=250.0):
+def forces():
     """Columns of the file of forces, at their own rate."""
-    time = np.arange(start, 5.8, 1 / rate)
-    wrench = recording().wrench("ground").values
-    names = [f"ground_{letter}{axis}" for letter in "fm" for axis in "xyz"]
-    return {"time": time} | {
-        name: np.interp(time, recording().time, x) for name, x in zip(names, wrench.T, strict=True)
-    }
+    r = recording()
+    columns = {"time": r.time, **vector("ground_f{}", r["ground_force"]), **vector("ground_m{}", r["ground_torque"])}
+    return {name: x[1::2] for name, x in columns.items()}
 
 
 def pair(tmp_path, first=None, second=None):
@@ -94,76 +89,66 @@ def pair(tmp_path, first=None, second=None):
     return f"{tmp_path / 'joints.csv'}+{tmp_path / 'wrench.csv'}"
 
 
-def mapped(tmp_path, text):
-    (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
-    return tmp_path / "columns.toml"
-
-
 @pytest.mark.extras
 def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
-    pair(tmp_path)
+    expected = read_log(pair(tmp_path), arm())
     write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
-    expected = read_log(f"{tmp_path}/joints.csv+{tmp_path}/wrench.csv", arm())
-    for name in ("wrench.csv+joints.csv", "ik.mot+wrench.csv", "wrench.csv+ik.mot"):
-        recording = read_log("+".join(str(tmp_path / file) for file in name.split("+")), arm())
-        assert recording.streams.keys() == expected.streams.keys()
+    for first, second in (("wrench.csv", "joints.csv"), ("ik.mot", "wrench.csv"), ("wrench.csv", "ik.mot")):
+        read = read_log(f"{tmp_path / first}+{tmp_path / second}", arm())
+        assert read.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
-            np.testing.assert_allclose(recording[channel], x, atol=1e-12)
+            np.testing.assert_allclose(read[channel], x, atol=1e-12)
 
 
 @pytest.mark.extras
 def test_common_times_are_those_of_the_fastest_joint(tmp_path):
     first, second = ({name: x for name, x in angles().items() if name != own} for own in ("joint2", "joint1"))
     log = read_log(pair(tmp_path, first, {name: x[::2] for name, x in second.items()}), arm())
-    assert log.rate == pytest.approx(recording().rate) and log.streams.keys() == {*ANGLES.values()}
+    assert log.rate == pytest.approx(100) and log.streams.keys() == {"joint1_position", "joint2_position"}
 
 
 PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
-"""A plate whose axes are the world's."""
-
-CONTRADICTIONS = {
-    "another day": (lambda a, f: (a, {**f, "time": f["time"] + 1.7e9}), "", "clock, but they begin on different days"),
-    "another hour": (lambda a, f: (a, {**f, "time": f["time"] + 60}), "", "need a time that all of them cover"),
-    "twice": (lambda a, f: (a, {**f, "joint2": f["time"]}), "", "joint 'joint2' needs a column of its positions"),
-    "two clocks": (lambda a, f: (a, {**f, "t": f["time"]}), "", "wrench.csv: it needs one column of times, time or t"),
-    "three times": (lambda a, f: (a, f), 'time = ["t", "t", "t"]', "describes 3 files (time), but this log has 2"),
-    "three files": (lambda a, f: (a, f), 3 * "[[file]]\n", "describes 3 files ([[file]]), but this log has 2"),
-    "no such time": (lambda a, f: (a, f), 'time = "stamp"', "joints.csv: it needs times in a column 'stamp'"),
-    "no times": (lambda a, f: (a, f), "time = []", "time needs the column of times of each file"),
-    "rows": (lambda a, f: (a, f), "[select]\nrows = [1, 50]", "[select] rows are those of one table"),
-    "torn force": (
-        lambda a, f: ({**a, "Fx": a["time"]}, f),
+FREE = 'point = ["x", 0.0, 0.0]\nfree_moment = ["", "", "ground_mz"]'
+TIME = angles()["time"]
+CONTRADICTIONS = [
+    ({}, {"time": TIME[1::2] + 1.7e9}, "", "clock, but they begin on different days"),
+    ({}, {"time": TIME[1::2] + 60}, "", "need a time that all of them cover"),
+    ({}, {"joint2": TIME[1::2]}, "", "joint 'joint2' needs a column of its positions"),
+    ({}, {"t": TIME[1::2]}, "", "wrench.csv: it needs one column of times, time or t"),
+    ({}, {}, 'time = ["t", "t", "t"]', "describes 3 files (time), but this log has 2"),
+    ({}, {}, 3 * "[[file]]\n", "describes 3 files ([[file]]), but this log has 2"),
+    ({}, {}, 'time = "stamp"', "joints.csv: it needs times in a column 'stamp'"),
+    ({}, {}, "time = []", "time needs the column of times of each file"),
+    ({}, {}, "[select]\nrows = [1, 50]", "[select] rows are those of one table"),
+    (
+        {"Fx": TIME},
+        {},
         '[wrenches.ground]\nforce = ["Fx", "", "ground_fz"]',
-        "needs columns of the same times, 'Fx' and 'ground_fz' have times of their own",
+        "'Fx' and 'ground_fz' have times",
     ),
-    "torn plate": (
-        lambda a, f: ({**a, "x": a["time"]}, f),
-        f'[wrenches.ground]\n{PLATE}point = ["x", 0.0, 0.0]\nfree_moment = ["", "", "ground_mz"]',
-        "[wrenches.ground] needs columns of the same times, its point has its own",
-    ),
-}
+    ({"x": TIME}, {}, f"[wrenches.ground]\n{PLATE}{FREE}", "columns of the same times, its point has its own"),
+]
 
 
 @pytest.mark.extras
-@pytest.mark.parametrize(("changed", "mapping", "sentence"), CONTRADICTIONS.values(), ids=CONTRADICTIONS.keys())
-def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, changed, mapping, sentence):
-    log = pair(tmp_path, *changed(angles(), forces()))
-    assert sentence in sentence_of(read_log, log, arm(), mapped(tmp_path, mapping))
+@pytest.mark.parametrize(("first", "second", "mapping", "sentence"), CONTRADICTIONS, ids=[x[3] for x in CONTRADICTIONS])
+def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, first, second, mapping, sentence):
+    (tmp_path / "columns.toml").write_text(mapping, encoding="utf-8")
+    log = pair(tmp_path, angles() | first, forces() | second)
+    assert sentence in sentence_of(read_log, log, arm(), tmp_path / "columns.toml")
 
 
 @pytest.mark.extras
 def test_files_that_cannot_be_put_together(tmp_path):
-    log = pair(tmp_path)
-    joints, wrench = log.split("+")
-    for name, sentence in {
-        f"{joints}+{joints}": "is made of different files, but joints.csv is given twice",
-        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: there is no such file",
-        f"{joints}+": "joints.csv+: there is no such file",
-        f"{joints}+{tmp_path / 'run.bag'}": "a bag counts its times from its first message",
-    }.items():
-        assert sentence in sentence_of(read_log, name, arm())
-    for number, mapping in ((2, "[[file]]\n[[file]]"), (2, 'time = ["time", "time"]')):
-        with pytest.raises(LogError, match=f"describes {number} files .* but this log has 1"):
-            read_log(joints, arm(), mapped(tmp_path, mapping))
+    joints, _ = pair(tmp_path).split("+")
+    for name, columns, sentence in (
+        (f"{joints}+{joints}", None, "is made of different files, but joints.csv is given twice"),
+        (f"{joints}+{tmp_path / 'none.csv'}", None, "none.csv: there is no such file"),
+        (f"{joints}+", None, "joints.csv+: there is no such file"),
+        (f"{joints}+{tmp_path / 'run.bag'}", None, "a bag counts its times from its first message"),
+        (joints, {"file": [{}, {}]}, "describes 2 files ([[file]]), but this log has 1"),
+        (joints, {"time": ["time", "time"]}, "describes 2 files (time), but this log has 1"),
+    ):
+        assert sentence in sentence_of(read_log, name, arm(), columns)
     with pytest.raises(LogError, match="is not read in pieces"):
-        list(read_log_pieces(f"{joints}+{wrench}", arm(), samples=100))
+        list(read_log_pieces(pair(tmp_path), arm(), samples=100))

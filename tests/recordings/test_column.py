@@ -3,21 +3,16 @@
 import gzip
 import re
 
-import mujoco
 import numpy as np
 import pytest
-from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, text
+from malformed_logs import LEG, PLAIN, N, Q, T, read, text
 from scipy import constants
 
-import ident
-import sim
-from ident.errors import LogError
+from ident import LogError, read_log
 from ident.files.column import UNITS
 from ident.recordings.entries import couplings
 from ident.recordings.faults import unwrapped
-from ident.recordings.log import read_log, read_log_pieces
-
-R = np.array([[2.0, 0.5], [-0.25, 4.0]])
+from ident.recordings.log import read_log_pieces
 
 
 def test_gain_constant_and_unit(tmp_path):
@@ -42,33 +37,28 @@ def test_gain_constant_and_unit(tmp_path):
     assert log.unused == [] and log.notes == []
 
 
-COUPLED = f"""
+COUPLED = """
 [motors.wrist]
 joints = ["ankle", "hip"]
-matrix = {R.tolist()}
-position = [{{ column = "q1", unit = "deg" }}, {{ column = "q2", unit = "deg", constant = 30 }}]
-velocity = ["dq1", "dq2"]
-torque = [{{ column = "i1", gain = 0.1, unit = "A" }}, {{ column = "i2", gain = 0.2, unit = "A" }}]
+matrix = [[2, 0.5], [-0.25, 4]]
+position = ["time", "q_hip"]
 """
 
 
-def coupled():
-    motors, rates, currents = Q @ R.T, DQ @ R.T, np.stack([T, 1 - T], axis=1)
-    columns = {"time": T, "q1": np.rad2deg(motors[:, 0]), "q2": np.rad2deg(motors[:, 1]) - 30}
-    return columns | {"dq1": rates[:, 0], "dq2": rates[:, 1], "i1": currents[:, 0], "i2": currents[:, 1]}
-
-
 def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
-    assert read(tmp_path, coupled(), COUPLED).couplings == {
-        f"wrist {k}": dict(zip(("ankle", "hip"), row, strict=True)) for k, row in enumerate(R.tolist(), start=1)
-    }
-    for other in (COUPLED + 'friction = "joints"\n', COUPLED.replace(str(R.tolist()), "[[0, 2], [-3, 0]]")):
-        assert read(tmp_path, coupled(), other).couplings == {}
+    coupled = {"wrist 1": {"ankle": 2.0, "hip": 0.5}, "wrist 2": {"ankle": -0.25, "hip": 4.0}}
+    untimed = "rate = 100\n" + COUPLED
+    assert read(tmp_path, PLAIN, untimed).couplings == coupled
+    for other in (untimed + 'friction = "joints"\n', untimed.replace("[[2, 0.5], [-0.25, 4]]", "[[0, 2], [-3, 0]]")):
+        assert read(tmp_path, PLAIN, other).couplings == {}
     with pytest.raises(LogError, match=r"\[motors.wrist\] has a motor 'wrist 2', and a joint is named so too"):
-        couplings("motors.wrist", {}, ["wrist 2", "hip"], R, ["wrist 2", "hip"])
+        couplings("motors.wrist", {}, ["wrist 2", "hip"], np.array([[2, 0.5], [-0.25, 4]]), ["wrist 2", "hip"])
 
 
-def test_selected_rows_and_times(tmp_path):
+def test_selected_rows_and_times_and_a_wrong_stamp_among_them(tmp_path):
+    wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
+    with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
+        read(tmp_path, wrong, "", gaps=True)
     junk = text(PLAIN).splitlines()
     junk[1] = "[s],[rad],[rad]"
     log = read(tmp_path, "\n".join(junk), "[select]\nrows = [3, 30]")
@@ -89,29 +79,16 @@ def test_selected_rows_and_times(tmp_path):
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
 
 
-def test_one_wrong_stamp_is_told(tmp_path):
-    wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
-    with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
-        read(tmp_path, wrong, "", gaps=True)
-
-
-def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):
-    header, row = "time,q_ankle,q_hip\n", "0.0,0.0,0.0\n"
-    for content in (header + 100_000 * row, header + "0" * 2_000_000):
-        (tmp_path / "log.csv.gz").write_bytes(gzip.compress(content.encode()))
+def test_packed_text_is_undamaged_and_unpacks_to_no_more_than_is_expected(tmp_path):
+    path, header, packed = tmp_path / "log.csv.gz", "time,q_ankle,q_hip\n", gzip.compress(text(PLAIN).encode())
+    for content in (header + 100_000 * "0.0,0.0,0.0\n", header + "0" * 2_000_000):
+        path.write_bytes(gzip.compress(content.encode()))
         with pytest.raises(LogError, match=r"takes 1 MB in memory where at most 0 MB .*--max-size"):
-            read_log(tmp_path / "log.csv.gz", LEG, limit=500_000)
-    packed = gzip.compress((text(PLAIN)).encode())
-    for damaged in (
-        packed[:-9],
-        packed[: len(packed) // 2],
-        b"\x1f\x8b" + b"\x00" * 40,
-        b"time",
-        packed[:40] + b"!" * 60,
-    ):
-        (tmp_path / "log.csv.gz").write_bytes(damaged)
+            read_log(path, LEG, limit=500_000)
+    for damaged in (packed[:-9], packed[: len(packed) // 2], b"\x1f\x8b" + bytes(40), b"time", packed[:40] + b"!" * 60):
+        path.write_bytes(damaged)
         with pytest.raises(LogError, match=r"log\.csv\.gz: the file needs to be packed by gzip, whole and undamaged"):
-            read_log(tmp_path / "log.csv.gz", LEG)
+            read_log(path, LEG)
 
 
 SI = {"rad": 1.0, "deg": constants.degree, "rpm": 2 * constants.pi / constants.minute, "s": 1.0, "ms": constants.milli}
@@ -132,59 +109,49 @@ def test_units_are_what_they_are_in_si(quantity):
 
 
 TIME = np.arange(900) / 100
-WRAPPED = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
-DEG = 180 / np.pi
-MODEL = """<mujoco><worldbody><body><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
-<joint name="hip" axis="0 1 0"/><body pos=".3 0 0"><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
-<joint name="ram" type="slide" axis="1 0 0"/></body></body></worldbody></mujoco>"""
+ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
+DEG, TURN = 180 / np.pi, 2 * np.pi
 
 
-def wrapped(x, turn=2 * np.pi, from_turns=0.0):
-    return (x - from_turns * turn) % turn + from_turns * turn
+def read_hip(hip, entry=None, **more):
+    """The log of a leg with this entry for its hip, whose ankle does not turn around."""
+    joints = {"hip": {"position": {"column": "a", **(entry or {})}}, "ankle": {"position": "b"}}
+    joints["hip"] |= {"command": "u", "kp": 5} if more else {}
+    return read_log({"time": TIME, "a": hip, "b": 0.1 * ANGLE, **more}, LEG, {"joints": joints})
 
 
-def read_arm(hip, entry, **more):
-    """The log of an arm with this entry for its first joint."""
-    columns = {"time": TIME, "a": hip, "b": 0.1 * WRAPPED, **more}
-    arm = sim.mechanism(mujoco.MjSpec.from_string(MODEL))
-    return ident.read_log(columns, arm, {"joints": {"hip": entry, "ram": {"position": "b"}}})
-
-
-@pytest.mark.parametrize("from_turns", [0.0, -0.5])
+@pytest.mark.parametrize("lowest", [0.0, -0.5])
 @pytest.mark.parametrize(
     ("factor", "turn", "entry"),
     [
-        (1.0, 2 * np.pi, {}),
-        (DEG, 360.0, {"unit": "deg"}),
+        (1.0, TURN, {}),
         (-DEG, 360.0, {"unit": "deg", "gain": -1}),
-        (4096 / (2 * np.pi), 4096.0, {"gain": 2 * np.pi / 4096}),
+        (4096 / TURN, 4096.0, {"gain": TURN / 4096}),
         (5 * DEG, 360.0, {"unit": "deg", "gain": 0.2}),
     ],
-    ids=["rad", "deg", "turned", "counts", "before a gear"],
+    ids=["rad", "turned", "counts", "before a gear"],
 )
-def test_wrapped_angles_are_read_as_continuous(from_turns, factor, turn, entry):
-    x = wrapped(factor * WRAPPED, turn, from_turns)
-    log = read_arm(x, {"position": {"column": "a"} | entry})
-    shift = log["hip_position"] - WRAPPED
-    assert np.ptp(np.abs(np.diff(x))) > turn / 2 and np.abs(shift - shift[0]).max() < 1e-6
+def test_wrapped_angles_are_read_as_continuous(lowest, factor, turn, entry):
+    x = (factor * ANGLE - lowest * turn) % turn + lowest * turn
+    log = read_hip(x, entry)
+    shift, number = log["hip_position"] - ANGLE, int((np.abs(np.diff(x)) > turn / 2).sum())
+    assert number and np.abs(shift - shift[0]).max() < 1e-6
     (note,) = (note for note in log.notes if "whole turn" in note)
-    number = int((np.abs(np.diff(x)) > turn / 2).sum())
     assert note.startswith(f"Column 'a' jumps by a whole turn {number} times")
-    assert np.abs(log["ram_position"] - 0.1 * WRAPPED).max() < 1e-9
+    np.testing.assert_allclose(log["ankle_position"], 0.1 * ANGLE, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     "x",
-    [WRAPPED, np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, WRAPPED + 6.28, WRAPPED), 10 * WRAPPED],
+    [ANGLE, np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, ANGLE + 6.28, ANGLE), 10 * ANGLE],
     ids=["no jump", "a step", "a spike", "several turns"],
 )
 def test_what_is_no_wrapped_angle_is_unchanged(x):
-    out, number = unwrapped(x, (2 * np.pi,))
-    spike = np.abs(out - WRAPPED).max() < 0.01
+    out, number = unwrapped(x, (TURN,))
+    spike = np.abs(out - ANGLE).max() < 0.01
     assert (number == 0 and out is x) or (spike and number == 2)
 
 
 def test_commands_are_in_the_turn_of_their_positions():
-    command = wrapped(WRAPPED - WRAPPED[0] - 0.01)
-    log = read_arm(wrapped(WRAPPED), {"position": "a", "command": "u", "kp": 5}, u=command)
+    log = read_hip(ANGLE % TURN, u=(ANGLE - ANGLE[0] - 0.01) % TURN)
     assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi

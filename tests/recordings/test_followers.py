@@ -9,10 +9,9 @@ from written_formats import write_csv
 import ident
 import sim
 from experiments.studies.user_files import prepare
-from ident.errors import LogError
+from ident import LogError, read_log
 from ident.estimation.preparation import prepared
-from ident.recordings.log import read_log
-from sim.models.model_mechanism import mechanism
+from sim import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -47,30 +46,34 @@ ONE = {
 }
 
 
+def read_shared(more=None):
+    """The log whose column moves three joints, with further entries by joint."""
+    return read_log(
+        LOG, arm(), {"joints": {joint: {**entry, **(more or {}).get(joint, {})} for joint, entry in ONE.items()}}
+    )
+
+
+def leaders(log):
+    return {name: each.joint for name, each in log.followers.items()}
+
+
 def test_one_column_for_several_joints():
-    log = read_log(LOG, arm(), {"joints": {**ONE, "left": {**ONE["left"], "torque": "force"}}})
-    per_radian = np.degrees(1) * 1e-3
-    assert {name: each.joint for name, each in log.followers.items()} == {"tip": "left", "right": "left"}
+    log = read_shared({"left": {"torque": "force"}})
+    assert leaders(log) == {"tip": "left", "right": "left"}
     np.testing.assert_allclose(log.followers["tip"].coefficients, [np.radians(3), -2])
-    np.testing.assert_allclose(log.followers["right"].coefficients, [0.01, -0.5 * per_radian])
+    np.testing.assert_allclose(log.followers["right"].coefficients, [0.01, -0.5e-3 * np.degrees(1)])
     assert log.measured.keys() == {"lift_position", "left_position", "left_torque"}
     assert any(note.startswith("'tip' follows 'left': tip = -2*left + 0.05") for note in log.notes)
     tree = prepared(arm(), log, filters=False).mechanism.tree
     assert tree.joints == ("lift", "left") and tree.freedoms == ("lift", "left")
 
 
-@pytest.mark.parametrize("kind", ["torque", "command"])
-def test_the_driven_joint_leads(kind):
-    extra = {kind: "force"} | ({"kp": 3.0} if kind == "command" else {})
-    log = read_log(LOG, arm(), {"joints": {**ONE, "tip": {**ONE["tip"], **extra}}})
-    assert {name: each.joint for name, each in log.followers.items()} == {"left": "tip", "right": "tip"}
-    np.testing.assert_allclose(log.followers["left"].coefficients, [np.radians(1.5), -0.5])
-    assert f"tip_{kind}" in log.measured
-
-
-def test_torques_of_several_motors_move_the_leader_together():
-    joints = {key: {**ONE[key], "torque": name} for key, name in (("left", "force"), ("tip", "own"))}
-    log = read_log(LOG, arm(), {"joints": {**joints, "right": ONE["right"]}})
+def test_the_driven_joint_leads_and_torques_of_several_motors_move_it_together():
+    for own in ({"torque": "force"}, {"command": "force", "kp": 3.0}):
+        log = read_shared({"tip": own})
+        assert leaders(log) == {"left": "tip", "right": "tip"} and f"tip_{next(iter(own))}" in log.measured
+        np.testing.assert_allclose(log.followers["left"].coefficients, [np.radians(1.5), -0.5])
+    log = read_shared({"left": {"torque": "force"}, "tip": {"torque": "own"}})
     np.testing.assert_allclose(log["left_torque"], LOG["force"] - 2 * LOG["own"])
 
 
@@ -97,23 +100,18 @@ POLYNOMIAL = (
 def test_a_joint_that_the_model_couples_needs_no_column(ref):
     """Curved couplings, of which one follows a follower, against MuJoCo."""
     log = read_log({**LOG, "left_position": GRIP, "left_torque": np.cos(T)}, arm(POLYNOMIAL, ref=ref))
-    assert {name: each.joint for name, each in log.followers.items()} == {"tip": "left", "right": "left"}
+    assert leaders(log) == {"tip": "left", "right": "left"}
     tip = 0.1 - 2 * (GRIP - ref) + 0.7 * (GRIP - ref) ** 2
     np.testing.assert_allclose(log.followers["tip"].value(GRIP), tip, atol=1e-12)
     np.testing.assert_allclose(log.followers["right"].value(GRIP), 0.01 + 0.05 * tip, atol=1e-12)
-    ready = prepared(arm(POLYNOMIAL, ref=ref), log, filters=False)
-    dq, ddq = (np.stack(x) for x in ((2.1 * np.cos(3 * T), 1.5 * np.cos(5 * T)), (0.2 * T, 0.1 - T)))
-    q, motion = np.stack([ANGLE, GRIP]), ident.Motion(np.stack([ANGLE, GRIP], axis=1), dq.T, ddq.T)
-    names, every = (
-        ("lift", "left", "tip", "right"),
-        dict(zip(("lift", "left"), zip(q, dq, ddq, strict=True), strict=True)),
-    )
+    mech = prepared(arm(POLYNOMIAL, ref=ref), log, filters=False).mechanism
+    lift, left = (ANGLE, 2.1 * np.cos(3 * T), 0.2 * T), (GRIP, 1.5 * np.cos(5 * T), 0.1 - T)
+    every = {"lift": lift, "left": left}
     for name, lead in log.followers.items():
         every[name] = lead.states(*every[lead.joint])
-    states = (np.stack([every[name][k] for name in names]) for k in range(3))
+    states = (np.stack([every[name][k] for name in ("lift", "left", "tip", "right")]) for k in range(3))
+    Y = ident.joint_torque_regressor(mech.tree, *np.stack([lift, left], axis=2), gravity=mech.gravity)
     expected = generalized(xml(ref=ref), log.followers, *states)
-    mech = ready.mechanism
-    Y = ident.joint_torque_regressor(mech.tree, *motion.states, gravity=mech.gravity)
     np.testing.assert_allclose(Y[..., : len(mech.known)] @ mech.known, expected, atol=1e-10)
 
 
@@ -131,7 +129,7 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("joints", "message"),
+    ("more", "message"),
     [
         ({"left": {"torque": "force"}, "tip": {"torque": "force"}}, "'force' is mapped to .* it can be one only"),
         ({"left": {"torque": "gripper"}}, "'gripper' is mapped to .* it can be one only"),
@@ -139,7 +137,6 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
         ({"left": {"torque": "force"}, "tip": {"command": "own", "kp": 2.0}}, "joint 'tip' follows 'left': state comm"),
     ],
 )
-def test_what_cannot_be_shared_is_refused(joints, message):
-    mapping = {joint: {**entry, **joints.get(joint, {})} for joint, entry in ONE.items()}
+def test_what_cannot_be_shared_is_refused(more, message):
     with pytest.raises(LogError, match=message):
-        read_log(LOG, arm(), {"joints": mapping})
+        read_shared(more)

@@ -1,99 +1,67 @@
 """Recordings from what is in memory: mappings of arrays, data frames, datasets."""
 
-import re
-
 import driven_arm
 import numpy as np
 import pytest
 
 import ident
-from ident.errors import InputError, LogError
+from ident import InputError, LogError
 
 pytestmark = pytest.mark.extras
 
 
-def columns():
-    """Columns of the arm's recording, with names that the arm has."""
-    log = driven_arm.log(4.0, 50.0)
-    return {"time": log.time, **log.measured}
+ARM, LOG = driven_arm.mechanism(), driven_arm.log(4.0, 50.0)
+TIME, OWN = {"time": LOG.time}, dict(LOG.measured)
 
 
-class Frame:
-    """As much of a data frame as is needed; it is its own index."""
-
-    def __init__(self, columns, index, name):
-        self.columns, self.index, self.name = list(columns), self, name
-        self._columns, self._index = columns, index
-
-    def __array__(self, dtype=None, copy=None):
-        return np.asarray(self._index)
-
-    def __getitem__(self, name):
-        return self._columns[name]
-
-
-def same(recording):
-    log = driven_arm.log(4.0, 50.0)
-    np.testing.assert_allclose(recording.time, log.time, atol=1e-12)
-    assert recording.measured.keys() == log.measured.keys()
-    for name, x in log.measured.items():
+def same(*given):
+    recording = ident.read_log(given[0], ARM, *given[1:])
+    np.testing.assert_allclose(recording.time, LOG.time, atol=1e-12)
+    assert recording.measured.keys() == OWN.keys()
+    for name, x in OWN.items():
         np.testing.assert_array_equal(recording[name], x)
 
 
-@pytest.mark.parametrize("dates", [False, True])
-def test_a_data_frame_is_a_log_whose_index_may_be_the_time(dates):
-    own = columns()
-    time = own.pop("time")
-    if dates:
-        time = np.datetime64("2026-11-24T10:00") + np.round(1e9 * time).astype("timedelta64[ns]")
-    same(ident.read_log(Frame(own, time, "time"), driven_arm.mechanism()))
-    with pytest.raises(LogError, match=r"The \S+ Frame: .*; the \S+ Frame has turn_position"):
-        ident.read_log(Frame(own, time, None), driven_arm.mechanism())
-
-
-def test_a_real_data_frame_is_a_log():
-    pandas = pytest.importorskip("pandas")
-    same(ident.read_log(pandas.DataFrame(columns()), driven_arm.mechanism()))
-    same(ident.read_log(pandas.DataFrame(columns()).set_index("time"), driven_arm.mechanism()))
-    frame = pandas.DataFrame(columns())
-    levels = frame.set_axis(pandas.MultiIndex.from_tuples([("arm", name) for name in frame]), axis=1)
-    for wrong, sentence in {
-        "column ('arm', 'time') has a name of 2 levels and needs a text; for a data frame, frame.columns": levels,
-        "two columns are named 'time'; each needs a name of its own.": frame.rename(columns={"turn_torque": "time"}),
-    }.items():
-        with pytest.raises(LogError, match=re.escape(f"The pandas DataFrame: {wrong}")):
-            ident.read_log(sentence, driven_arm.mechanism())
-    misspelt = frame.assign(turn_velocty=0.0)
-    estimate = ident.identify(driven_arm.mechanism(), misspelt, estimator="weighted", cutoff=8.0)
+def test_a_data_frame_is_a_log_whose_index_may_be_the_time():
+    pandas = pytest.importorskip("pandas", reason="pandas is in the extra 'pandas'")
+    frame = pandas.DataFrame(TIME | OWN)
+    dates = np.datetime64("2026-11-24T10:00") + np.round(1e9 * LOG.time).astype("timedelta64[ns]")
+    same(frame)
+    same(frame.set_index("time"))
+    same(pandas.DataFrame(OWN, index=pandas.DatetimeIndex(dates, name="time")))
+    levels = pandas.DataFrame({("arm", name): x for name, x in OWN.items()})
+    for wrong, sentence in (
+        (pandas.DataFrame(OWN), r".*; the pandas DataFrame has turn_position"),
+        (levels, r"column \('arm', .* has a name of 2 levels and needs a text; for a data frame, frame\.columns"),
+        (frame.rename(columns={"turn_torque": "time"}), "two columns are named 'time'; each needs a name of"),
+    ):
+        with pytest.raises(LogError, match=f"The pandas DataFrame: {sentence}"):
+            ident.read_log(wrong, ARM)
+    estimate = ident.identify(ARM, frame.assign(turn_velocty=0.0), estimator="weighted", cutoff=8.0)
     assert any(note.startswith("Read the pandas DataFrame: 200 samples") for note in estimate.prepared.notes)
     assert "Column 'turn_velocty' is not used, since its name is not 'turn_velocity'" in estimate.summary()
 
 
 def test_a_dataset_of_xarray_is_a_log():
-    xarray = pytest.importorskip("xarray")
-    own = columns()
-    time = own.pop("time")
-    dataset = xarray.Dataset({name: ("time", x) for name, x in own.items()}, coords={"time": time, "trial": 3})
-    same(ident.read_log(dataset, driven_arm.mechanism()))
+    xarray = pytest.importorskip("xarray", reason="xarray is in the extra 'pandas'")
+    dataset = xarray.Dataset({name: ("time", x) for name, x in OWN.items()}, coords=TIME | {"trial": 3})
+    same(dataset)
     with pytest.raises(LogError, match=r"^The xarray Dataset: column 'turn_torque' needs numbers, got <U1"):
-        ident.read_log(dataset.assign(turn_torque=("time", ["a"] * 200)), driven_arm.mechanism())
+        ident.read_log(dataset.assign(turn_torque=("time", ["a"] * 200)), ARM)
 
 
 def test_vectors_and_a_mapping_of_columns():
-    own = columns()
-    joints = driven_arm.JOINTS
-    stacked = {"t": own["time"], "q": np.stack([own[f"{joint}_position"] for joint in joints], axis=1)}
-    stacked["tau"] = np.stack([own[f"{joint}_torque"] for joint in joints], axis=1)
+    joints, own = driven_arm.JOINTS, {"q": "position", "tau": "torque"}
+    columns = {key: np.stack([OWN[f"{joint}_{kind}"] for joint in joints], axis=1) for key, kind in own.items()}
     entries = {joint: {"position": f"q.{x}", "torque": f"tau.{x}"} for joint, x in zip(joints, "xyz", strict=True)}
-    mapping = {"time": "t", "joints": entries}
-    same(ident.read_log(stacked, driven_arm.mechanism(), mapping))
-    some = {**mapping, "select": {"time": [[1.0, 3.0]]}}
-    selected = ident.read_log(stacked, driven_arm.mechanism(), some)
+    columns, mapping = {"t": LOG.time, **columns}, {"time": "t", "joints": entries}
+    same(columns, mapping)
+    selected = ident.read_log(columns, ARM, {**mapping, "select": {"time": [[1.0, 3.0]]}})
     assert np.ptp(selected.time) == pytest.approx(2.0, abs=0.03)
     untimed = {"rate": 50.0, "joints": entries, "select": {"time": [1.0, 3.0]}}
-    assert ident.read_log(stacked, driven_arm.mechanism(), untimed).time[[0, -1]].tolist() == [1.0, 3.0]
+    assert ident.read_log(columns, ARM, untimed).time[[0, -1]].tolist() == [1.0, 3.0]
     with pytest.raises(LogError, match=r"The dict of columns: .*\[joints\] has no entry 'knee'"):
-        ident.read_log(stacked, driven_arm.mechanism(), {"joints": {"knee": {}}})
+        ident.read_log(columns, ARM, {"joints": {"knee": {}}})
 
 
 @pytest.mark.parametrize(
@@ -109,17 +77,15 @@ def test_vectors_and_a_mapping_of_columns():
 )
 def test_bad_columns_are_one_sentence(change, message):
     with pytest.raises(LogError, match=f"The dict of columns: .*{message}"):
-        ident.read_log(columns() | change, driven_arm.mechanism())
+        ident.read_log(TIME | OWN | change, ARM)
 
 
-@pytest.mark.parametrize(
-    ("given", "where"), [(3, "recording"), (None, "recording"), ([columns(), 3], r"recording\[1\]")]
-)
-def test_what_is_no_recording_is_one_sentence(given, where):
-    expected = f"^{where} needs a Recording, the path of a log, a mapping of arrays, a pandas DataFrame or an xarray"
-    with pytest.raises(InputError, match=expected):
-        ident.identify(driven_arm.mechanism(), given)
+def test_what_is_no_recording_is_one_sentence():
+    expected = "needs a Recording, the path of a log, a mapping of arrays, a pandas DataFrame or an xarray"
+    for given, where in ((None, "recording"), ([OWN, 3], r"recording\[1\]")):
+        with pytest.raises(InputError, match=f"^{where} {expected}"):
+            ident.identify(ARM, given)
     with pytest.raises(InputError, match=r"^A log needs the path of a file, or a mapping of arrays, .*; got 3\.$"):
-        ident.read_log(3, driven_arm.mechanism())
+        ident.read_log(3, ARM)
     with pytest.raises(InputError, match=r"got \['a.csv', 'b.csv'\]. Read each by itself, or give `identify` the"):
-        ident.read_log(["a.csv", "b.csv"], driven_arm.mechanism())
+        ident.read_log(["a.csv", "b.csv"], ARM)

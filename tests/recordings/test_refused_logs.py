@@ -5,28 +5,23 @@ import pytest
 from commands import sentence_of
 from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, replaced, retimed, text
 
-from ident.errors import LogError
-from ident.recordings.log import read_log, read_log_pieces
+from ident import LogError, read_log
+from ident.recordings.log import read_log_pieces
 
 COUNT = np.arange(N)
 SWEEPS = PLAIN | {"q_hip": np.rad2deg(Q[:, 1])}
 RATES = PLAIN | {"dq_ankle": DQ[:, 0], "dq_hip": DQ[:, 1]}
 LOGS = [
     ("", "the file is empty; a log is a header row"),
-    ("\n \n\n", "the file is empty"),
     ("# a\n# b", "the file is empty"),
-    (",,,\n,,,\n", "the file is empty"),
     ("time,q_ankle,q_hip\n", "at least 10 samples, it has 0"),
-    ("time,q_ankle,q_hip\n0,0,0\n", "at least 10 samples, it has 1"),
     ("\n".join(text(PLAIN).splitlines()[1:]), "header row of names, row 1 holds numbers"),
     (b"\x89\xff\x00\x01" * 30, "text in UTF-8, a byte 0x89 is not"),
-    (text(PLAIN).replace("q_hip", "hüfte").encode("latin-1"), "text in UTF-8, a byte 0xfc is not"),
     (replaced(9, "q_hip", '"0.5'), "row 9 opens a quotation mark that it does not close"),
     (replaced(17, "q_hip", "1_0"), "row 17, column 'q_hip' needs a number, got '1_0'"),
     ("# c\n" + replaced(5, "q_hip", "?"), "row 6, column 'q_hip' needs a number, got '?'"),
     (text(PLAIN, ";", ",").replace("\n0,01;", "\n1,000,001;"), "row 3, column 'time' needs a number, got '1,000,001'"),
     (text(PLAIN) + "0.4,1\n", "row 42 has 2 cells where the header has 3"),
-    (text(PLAIN) + "0.4,1,2,3\n", "row 42 has 4 cells where the header has 3"),
     (text(PLAIN, ",", ","), "row 2 has 6 cells where the header has 3"),
     (text(PLAIN, ";", ",").replace("0,01;", "0.01;"), "decimal commas (column 'q_ankle') and decimal points"),
     (text(PLAIN).replace("q_ankle", "q_hip"), "names column 'q_hip' more than once"),
@@ -47,7 +42,6 @@ LOGS = [
     (retimed(T + (T > 0.2) * 0.03), "row 23, column 'time' has a gap of 0.04 s, from 0.2 s to 0.24 s, where"),
     (retimed(T + (T > 0.1) * 0.02 + (T > 0.2) * 0.03), "steps are 0.01 s; it is the longest of 2 gaps. A filter would"),
     (retimed(1000 * T), "steps of 10 s, which suggests that its unit is not the second"),
-    (retimed(1e-9 * T), "steps of 1e-11 s"),
     (text(SWEEPS), "column 'q_hip', the position of joint 'hip', ranges over"),
     (text(RATES | {"dq_ankle": 57.3 * DQ[:, 0]}), "velocity of joint 'ankle' is 57.3 times the derivative of its pos"),
     (text(RATES | {"ddq_ankle": -430 * np.sin(5 * T), "ddq_hip": T}), "the acceleration of joint 'ankle' is 57.3"),
@@ -57,19 +51,16 @@ GROUND = '[wrenches.ground]\nforce = ["a", "b", "c"]\n'
 CONTACT = '[wrenches.grip]\nforce = ["a", "b", "c"]\n'
 HIP = "[joints.hip]\nposition = "
 MOTOR = '[motors.a]\njoints = ["hip"]\nmatrix = '
+TWO_MOTORS = '[motors.a]\njoints = ["hip", "ankle"]\nmatrix = [[1, 2], [2, 4]]\n'
 MAPPINGS = [
     ("time = = 3", "needs to be TOML in UTF-8"),
     ("[joint.hip]", "the mapping has no entry 'joint'; valid are time, rate, poses, joints, motors, wr"),
-    ('[joints.knee]\nposition = "a"', "[joints] has no entry 'knee'; valid are ankle, hip"),
-    ('[joints.hip]\nangle = "a"', "[joints.hip] has no entry 'angle'; valid are position, vel"),
     ('time = { colum = "t" }', "time has no entry 'colum'; valid are column, columns, weights"),
     ('time = "zeit"', "time is mapped to column 'zeit', but the file has time, q_ankle, q_hip"),
     ('time = { column = "time", unit = "min" }', "time.unit needs one of s, ms, us, ns; got min"),
-    ('time = { column = "time", unit = 3 }', "time.unit needs one of s, ms, us, ns; got 3"),
     (HIP + '{ column = "q_hip", unit = "A", gain = 1 }', "joints.hip.position.unit needs one of rad, deg; got A"),
     ('[joints.hip]\ntorque = { column = "time", unit = "A" }', "torque in A needs a gain, in the joint's"),
     (HIP + '{ unit = "deg" }', "joints.hip.position needs the name of a column, got"),
-    (HIP + "{ columns = [] }", "joints.hip.position needs the name of a column, got []"),
     (HIP + '{ column = "q_hip", gain = "1" }', "joints.hip.position.gain needs a number, got 1"),
     (HIP + '{ column = "q_hip", gain = 0 }', "a gain other than zero"),
     (HIP + '{ column = "q_hip", columns = ["time"] }', "needs a column or several columns, got both"),
@@ -81,19 +72,12 @@ MAPPINGS = [
     ("joints = 3", "joints needs a table of entries, got 3"),
     ("[wrenches.ground]", "[wrenches.ground] needs at least one column under force or"),
     ('[wrenches.ground]\nforce = ["a", "b"]', "wrenches.ground.force needs a list of 3 columns, got"),
-    ("[wrenches.ground]\nforce = [1, 2, 3]", "wrenches.ground.force needs a list of 3 columns"),
     (GROUND, "wrenches.ground.force is mapped to column 'a', but the file has"),
-    (GROUND + 'unit = "lbf"', "wrenches.ground.unit needs one of N, mN, kN; got lbf"),
-    (GROUND + 'torque_unit = "N"', "wrenches.ground.torque_unit needs one of N m, Nm"),
-    (GROUND + 'link = "leg"', "[wrenches.ground] has no entry 'link'; valid are force, torque"),
     (GROUND + "position = [1, 2]", "wrenches.ground.position needs a list of 3 numbers, got [1, 2]"),
-    (GROUND + "position = [1, 2, nan]", "wrenches.ground.position needs a list of 3 numbers"),
-    (GROUND + "position = [1, 2, true]", "wrenches.ground.position needs a list of 3 numbers"),
     (GROUND + "quaternion = [1, 1, 0, 0]", "quaternion needs four numbers w, x, y, z of norm 1"),
     (GROUND + "quaternion = [1, 0, 0, 0]\nrpy_deg = [0, 0, 0]", "a quaternion or rpy_deg, got both"),
     (GROUND + 'body = "leg"', "[wrenches.ground] needs no body: the ground acts at the base"),
     (CONTACT, "[wrenches.grip] needs a body, one of leg, torso; got None"),
-    (CONTACT + 'body = "arm"', "[wrenches.grip] needs a body, one of leg, torso; got arm"),
     (GROUND + 'applied_to_link = "yes"', "wrenches.ground.applied_to_link needs true or false, got yes"),
     ('[base]\nposition = ["a", "b", "c"]', "base.quaternion needs a list of 4 columns"),
     ('[base]\nposition = ["a", "", "c"]', "base.position needs 3 columns, none of them may be"),
@@ -101,24 +85,17 @@ MAPPINGS = [
     ('[motors.a]\njoints = ["knee"]\nmatrix = [[1]]', "motors.a.joints needs a list of joints, of"),
     (MOTOR + "[[1, 2]]", "motors.a.matrix needs a list of 1 numbers"),
     (MOTOR + "3", "motors.a.matrix needs a row for each of 1 motors, got 3"),
-    (
-        '[motors.a]\njoints = ["hip", "ankle"]\nmatrix = [[1, 2], [2, 4]]\nposition = ["q_hip", "q_ankle"]',
-        "[motors.a] needs a matrix that can be inverted",
-    ),
+    (TWO_MOTORS + 'position = ["q_hip", "q_ankle"]', "[motors.a] needs a matrix that can be inverted"),
     (HIP + '"q_hip"\n' + MOTOR + '[[1]]\nposition = ["q_hip"]', "joints.hip.position is mapped twice, under [joints]"),
     (MOTOR + '[[1]]\nfriction = "none"', "motors.a.friction needs one of motors, joints; got none"),
     (MOTOR + '[[1]]\nposition = [""]', "motors.a.position needs 1 columns, none of them may be missing"),
     ('[file]\nheader = "no"', "file.header needs true or false, got no"),
     ("[file]\nskip = -1", "file.skip needs a number of lines, got -1"),
-    ("[file]\nskip = 99", "the file is empty"),
     ("[select]\nrows = [9, 3]", "select.rows needs two numbers, the first before the last; got [9, 3]"),
-    ("[select]\ntime = 3", "select.time needs two numbers, the first before the last; got 3"),
     ("[select]\nrows = [100, 200]", "rows that the file has, got 100 to 200; the file has rows 2 to 41"),
     ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6; its times go from 0 s to"),
     ("[select]\nrows = [2, 6]", "a log needs at least 10 samples, it has 5"),
     ("rate = 0", "rate needs a number of samples per second, in Hz; got 0"),
-    ("rate = nan", "in Hz; got nan"),
-    ('rate = "fast"', "in Hz; got fast"),
     ('rate = 100\ntime = "time"', "has time and rate; rate is for a log without times"),
     ("time = { rate = -5 }", "time.rate needs a number of samples per second, in Hz; got -5"),
     ('time = { rate = 5, column = "t" }', "time has no entry 'column'; valid are rate"),
