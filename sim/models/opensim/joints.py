@@ -356,8 +356,7 @@ def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Col
                 f"--ignore {element.get('name')} (in Python, ignore=['{element.get('name')}'])."
             )
         if all(inside):
-            ends = (bodies[0], bodies[1]), (poses[0], poses[1])
-            out.append(Coincidence(str(element.get("name")), *ends, whole=element.tag == WELD))
+            out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
     if out:
         note(f"By {', '.join(each.name for each in out)}, joints without a column follow from the others.")
     return out
