@@ -208,13 +208,11 @@ class Mechanism(Brief):
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:
         """Names of the joints by which each joint without a position is determined, from those of joints with one."""
-        followers = {j: lead for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
-        rest = self.following(followers)
-        lacking = [joint for joint in rest.tree.joints if joint not in placed]
-        leads = ", ".join(joint for joint in rest.in_loops if joint in placed)
-        depending = {*rest.constraints.dependent(rest.tree, lacking)} & {*lacking}
-        own = {joint: lead.joint for joint, lead in followers.items()}
-        return own | {joint: leads for joint in rest.tree.joints if joint in depending}
+        own = {j: lead.joint for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+        lacking = [joint for joint in self.tree.joints if joint not in placed]
+        leads = ", ".join(joint for joint in self.in_loops if joint in placed)
+        depending = {*self.constraints.dependent(self.tree, lacking)} & {*lacking} - {*own}
+        return own | {joint: leads for joint in self.tree.joints if joint in depending}
 
     @property
     def in_loops(self) -> tuple[str, ...]:

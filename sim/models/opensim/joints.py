@@ -303,6 +303,11 @@ def _couplers(
                 f"{label(element)} makes one coordinate of the model depend on one other, got '{follower}' on "
                 f"'{' '.join(leaders)}'."
             )
+        if follower in couplers:
+            raise ModelError(
+                f"{label(element)} makes '{follower}' depend on '{leaders[0]}', another constraint on "
+                f"'{couplers[follower][0]}'; leave one out with --ignore."
+            )
         function = _coupling(element).scaled(number(element, "scale_factor", "1"))
         couplers[follower] = leaders[0], function
     return couplers
