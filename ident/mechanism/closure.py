@@ -287,7 +287,7 @@ class Closure:
     @property
     def _off(self) -> str:
         """Angles by which axes are off parallel in parentheses, empty for none."""
-        turns = nearly_parallel(self).values()
+        turns = nearly_parallel(self.part.bodies, self.dependent).values()
         off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in turns)
         return off and f" (off parallel: {off})"
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -12,10 +12,14 @@ from ident.errors import ModelError
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.closure import OPEN, Closure
 from ident.mechanism.constraint import Coincidence, Constraint, Relation, members_of
+from ident.mechanism.parallel_axes import LIKELY, NAMED, Turn, nearly_parallel
 from ident.tolerances import HUGE
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
+
+DIGITS = 1e-4
+"""Angle below which axes in loops are meant to be parallel, rad: that of two angles with four decimals."""
 
 INDEPENDENT = 1e-3
 """Part of a column of the constraints that counts as independent of others: models state places with few digits."""
@@ -217,3 +221,50 @@ def _independent_columns(J: np.ndarray, order: Collection[int]) -> list[int]:
             left = left - np.outer(unit, unit @ left)
             out.append(k)
     return out
+
+
+class Alignment(NamedTuple):
+    """A tree with axes of its loops parallel.
+
+    Attributes:
+        tree: The tree.
+        angles: Angles by which axes were turned, rad, by the names of their joints.
+    """
+
+    tree: "Tree"
+    angles: Mapping[str, float]
+
+
+def alignments(tree: "Tree") -> tuple[Alignment, Alignment]:
+    """A tree with those axes of its loops parallel that have to be, and with all that may be meant to be.
+
+    Axes have to be parallel if only a model's digits keep them from it, or if loops move only then: with any angle
+    between two axes a four-bar of four hinges is rigid.
+    """
+    if (closure := tree.closure) is None:
+        return Alignment(tree, {}), Alignment(tree, {})
+    likely, named = (nearly_parallel(closure.part.bodies, closure.dependent, angle) for angle in (LIKELY, NAMED))
+    parallel = _aligned(tree, likely)
+    every = parallel if named.keys() == likely.keys() else _aligned(tree, named)
+    needed = {i for i, turn in likely.items() if turn.angle < DIGITS}
+    if (other := parallel.tree.closure) and len(needed) < len(likely):
+        ranks = zip(closure.constraints, closure.ranks(), other.ranks(), strict=True)
+        needed |= members_of(closure.part, [row for row, skew, aligned in ranks if aligned < skew])
+    least = _aligned(tree, {i: turn for i, turn in likely.items() if i in needed})
+    return least, every if every.angles else parallel
+
+
+def _aligned(tree: "Tree", turns: Mapping[int, Turn]) -> Alignment:
+    """A tree with some axes of its loops turned, by indices of the loops' bodies; as it is if they then stay open."""
+    if (closure := tree.closure) is None or not turns:
+        return Alignment(tree, {})
+    twists = {closure.part.bodies[i].name: turn.twist for i, turn in turns.items()}
+    part, whole = (
+        tuple(replace(body, twist=twists.get(body.name, body.twist)) for body in each.bodies)
+        for each in (closure.part, tree)
+    )
+    try:
+        closed = replace(closure, part=replace(closure.part, bodies=part)).in_posture()
+    except ModelError:
+        return Alignment(tree, {})
+    return Alignment(replace(tree, bodies=whole, closure=closed), {turn.joint: turn.angle for turn in turns.values()})

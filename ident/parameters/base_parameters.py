@@ -14,8 +14,8 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
+from ident.mechanism.loops import alignments
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parallel_axes import alignments
 from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
