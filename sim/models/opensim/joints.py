@@ -289,7 +289,7 @@ def _couplers(
     model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
 ) -> dict[str, tuple[str, Curve]]:
     """Leaders and functions of the coordinates that constraints make dependent, by name."""
-    couplers = {}
+    couplers = dict[str, tuple[str, Curve]]()
     for element in (each for each in enforced(model, ignore) if each.tag not in CLOSING):
         if element.tag != "CoordinateCouplerConstraint":
             raise ModelError(
