@@ -100,17 +100,16 @@ class Relation:
 
     def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
         """The row of the constraint."""
-        sums, by_body, law = [], dict[int, np.ndarray](), Follower(self.name, self.coefficients)
-        for weights in (self.first, self.second):
-            own = [[weight * x for x in at.states[tree.names.index(name)]] for name, weight in weights]
-            sums.append([sum(terms) for terms in zip(*own, strict=True)] or [np.zeros(1)] * 3)
-        (left, _, ddleft), right = sums
+        law, by_body, places = Follower(self.name, self.coefficients), dict[int, np.ndarray](), tree.names.index
+        left, right = (
+            [sum((w * at.states[places(name)][k] for name, w in side), np.zeros(1)) for k in range(3)]
+            for side in (self.first, self.second)
+        )
         value, _, ddvalue = law.states(*right)
-        for weights, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
-            for name, weight in weights:
-                i = tree.names.index(name)
+        for side, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
+            for i, weight in ((places(name), weight) for name, weight in side):
                 by_body[i] = by_body.get(i, 0) + (factor * weight + 0 * at.states[i][0])[..., None]
-        return left - value, by_body, ddleft - ddvalue
+        return left[0] - value, by_body, left[2] - ddvalue
 
 
 Constraint = Coincidence | Relation

@@ -89,10 +89,8 @@ class Constraints:
             links = [replace(body, parent=places[body.parent])]
             if body.is_ball and body.joint in dependent:
                 axes, own = _row_space(J[:, owners == body.joint]), null_space(J)[owners == body.joint]
-                axes = axes @ np.linalg.svd(axes.T @ own)[0]
-                links = _hinges(
-                    links[0], self.posture[body.joint], axes[:, [0, *range(2, axes.shape[1]), 1]], len(bodies)
-                )
+                axes = (axes @ np.linalg.svd(axes.T @ own)[0])[:, [0, *range(2, axes.shape[1]), 1]]
+                links = _hinges(links[0], self.posture[body.joint], axes, len(bodies))
                 posture |= {link.joint: np.zeros(1) for link in links}
             bodies += links
             places[i] = len(bodies) - 1
