@@ -4,7 +4,8 @@
 
 q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
 the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear in q_d, one
-step from anywhere is the solution. Least squares take redundant constraints, as those of loops in a plane are.
+step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a + k. Least squares take redundant
+constraints, as those of loops in a plane are.
 """
 
 from dataclasses import dataclass, field, replace
@@ -98,13 +99,25 @@ class Closure:
         own = self.part.body_coordinates(self.anchors[0])
         return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
-    @cached_property
-    def direct(self) -> bool:
-        """True if all constraints are sums of joints that are linear in the dependent coordinates."""
+    def _linear_in(self, coordinates: np.ndarray) -> bool:
+        """True if all constraints are sums of joints that are linear in some of the part's coordinates."""
         q = np.tile(np.random.default_rng(0).normal(size=self.part.size), (2, 1))
-        q[1, self._coordinates[1]] += 1
+        q[1, coordinates] += 1
         before, after = self.rows(q)[1]
         return all(isinstance(each, Relation) for each in self.constraints) and np.allclose(before, after, 1e-12, 1e-12)
+
+    @cached_property
+    def direct(self) -> bool:
+        """True if the constraints are linear in the dependent coordinates."""
+        return self._linear_in(self._coordinates[1])
+
+    @cached_property
+    def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
+        if not self._linear_in(np.arange(self.part.size)):
+            return None
+        (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
+        return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]
 
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
@@ -117,6 +130,9 @@ class Closure:
         Returns:
             Up to three arrays (…, d).
         """
+        if self._affine:
+            G, k = self._affine
+            return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
         d = self._freedoms[1]
         residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
         out = [start - _least_squares(J[..., d], residual[..., None])[..., 0]]
@@ -131,6 +147,8 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
+        if self._affine:
+            return np.broadcast_to(self._affine[0], (*np.shape(x)[:-1], *self._affine[0].shape))
         return self._slopes(self._joined(self._coordinates, x, *self.completed(x, start)))
 
     def _slopes(self, q: np.ndarray) -> np.ndarray:
