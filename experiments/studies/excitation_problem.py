@@ -137,14 +137,10 @@ def problem(
     resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}
     locked = mechanism.fixed(resting).closed(depending, moving)
     if held := [joint for joint in moving or joints if joint not in locked.tree.joints]:
-        raise _not_excitable(
-            held[0],
-            mechanism,
-            f"loops hold it while {', '.join(resting)} rests. Name other joints with --joints, or leave constraints "
-            "out with --ignore."
-            if resting
-            else "",
+        hold = (
+            f"loops hold it while {', '.join(resting)} rests. Name other joints with --joints, or leave constraints out"
         )
+        raise _not_excitable(held[0], mechanism, f"{hold} with --ignore." if resting else "")
     gravity = mechanism.gravity
     if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))

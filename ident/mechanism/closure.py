@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
-from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
+from ident.mechanism.constraint import Coincidence, Constraint, Relation, kinematics
 from ident.mechanism.parallel_axes import nearly_parallel
 from ident.tolerances import ROUNDING
 
@@ -77,12 +77,8 @@ class Closure:
         """Indices of the independent and of the dependent velocities of the part."""
         return self._split("freedoms")
 
-    def owners(self, what: str) -> np.ndarray:
-        """Name of the joint of each of the part's `coordinates` or `freedoms`."""
-        return np.repeat(self.part.joints, [getattr(self.part.bodies[i], what) for i in self.part.moving])
-
     def _split(self, what: str) -> tuple[np.ndarray, np.ndarray]:
-        depends = np.isin(self.owners(what), self.dependent)
+        depends = np.isin(self.part.owners(what), self.dependent)
         return np.flatnonzero(~depends), np.flatnonzero(depends)
 
     @cached_property
@@ -93,9 +89,9 @@ class Closure:
     @cached_property
     def _scale(self) -> np.ndarray:
         """Factors that make the independent coordinates comparable: 1 for angles, one over the length for slides."""
-        moving = [self.part.bodies[i] for i in self.part.moving]
-        factors = [1.0 if body.is_ball or body.turns else 1 / self._length for body in moving]
-        return np.repeat(factors, [body.coordinates for body in moving])[self._coordinates[0]]
+        slides = [body.joint for body in self.part.bodies if not (body.is_ball or body.turns)]
+        own = self.part.owners("coordinates")[self._coordinates[0]]
+        return np.where(np.isin(own, slides), 1 / self._length, 1.0)
 
     @property
     def posture(self) -> dict[str, np.ndarray]:
@@ -137,27 +133,27 @@ class Closure:
         if self._affine:
             G, k = self._affine
             return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
-        a, d = self._freedoms
+        d = self._freedoms[1]
         residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
-        y = start - _least_squares(J[..., d], residual[..., None])[..., 0]
-        if not rates:
-            return [y]
-        dx, q = rates[0], self._joined(self._coordinates, x, y)
-        _, J, _ = self.rows(q)
-        dy = -_least_squares(J[..., d], applied(J[..., a], dx)[..., None])[..., 0]
-        if len(rates) == 1:
-            return [y, dy]
-        _, _, bias = self.rows(q, self._joined(self._freedoms, dx, dy))
-        moved = applied(J[..., a], rates[1]) + bias
-        return [y, dy, -_least_squares(J[..., d], moved[..., None])[..., 0]]
+        out = [start - _least_squares(J[..., d], residual[..., None])[..., 0]]
+        if rates:
+            q = self._joined(self._coordinates, x, out[0])
+            G = self._slopes(q)
+            out += [applied(G, rate) for rate in rates]
+        if len(rates) > 1:
+            _, J, bias = self.rows(q, self._joined(self._freedoms, rates[0], out[1]))
+            out[2] = out[2] - _least_squares(J[..., d], bias[..., None])[..., 0]
+        return out
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
         if self._affine:
             return np.broadcast_to(self._affine[0], (*np.shape(x)[:-1], *self._affine[0].shape))
-        a, d = self._freedoms
-        (y,) = self.completed(x, start)
-        _, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        return self._slopes(self._joined(self._coordinates, x, *self.completed(x, start)))
+
+    def _slopes(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives G (…, d, n) at coordinates of the part (…, n_q) with loops closed."""
+        (a, d), (_, J, _) = self._freedoms, self.rows(q)
         return -_least_squares(J[..., d], J[..., a])
 
     def solved(self, x: np.ndarray) -> np.ndarray:
@@ -236,9 +232,7 @@ class Closure:
         if self.direct:
             return np.ones(len(x), bool)
         q, least = self._continued(x, watched=True)
-        residual, J, _ = self.rows(q)
-        left = applied(np.swapaxes(J[..., self._freedoms[1]], -1, -2), residual)
-        apart, left = np.linalg.norm(residual, axis=-1), np.linalg.norm(left, axis=-1)
+        apart, _, left = self._defects(q)
         return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
@@ -251,7 +245,7 @@ class Closure:
             if sum(map(len, kept)) >= samples:
                 break
         x = np.resize(np.concatenate(kept), (samples, len(own)))
-        return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
+        return {joint: x[:, self.part.owners("coordinates")[own] == joint] for joint in self.independent}
 
     def ranks(self) -> list[int]:
         """Number of independent rows of each constraint in random states, to `FULL`."""
@@ -288,7 +282,7 @@ class Closure:
         return q
 
     def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
-        apart, least = self._defects(q)
+        apart, least, _ = self._defects(q)
         is_open = apart > OPEN
         refused = is_open if is_open.any() else beyond | (least < SINGULAR)
         if not refused.any():
@@ -311,7 +305,7 @@ class Closure:
     @property
     def _off(self) -> str:
         """Angles by which axes are off parallel in parentheses, empty for none."""
-        turns = nearly_parallel(self.part.bodies).values()
+        turns = nearly_parallel(self.part.bodies, self.dependent).values()
         off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in turns)
         return off and f" (off parallel: {off})"
 
@@ -323,11 +317,12 @@ class Closure:
             f"constraint out with --ignore, one of: {names}."
         )
 
-    def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances that are left open (N,), and the smallest singular values of the dependent joints' columns (N,)."""
+    def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distances that are left open, smallest singular values of the dependent joints' columns, and slopes (N,)."""
         residual, J, _ = self.rows(q)
         columns = J[..., self._freedoms[1]]
-        return np.linalg.norm(residual, axis=-1), _least_singular(columns)
+        slopes = applied(np.swapaxes(columns, -1, -2), residual)
+        return np.linalg.norm(residual, axis=-1), _least_singular(columns), np.linalg.norm(slopes, axis=-1)
 
     def _joined(self, places: tuple[np.ndarray, np.ndarray], own: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Values of the part (…, n) from those of its independent and dependent joints."""
@@ -341,7 +336,10 @@ class Closure:
             # Lengths and angles count alike.
             unit = np.ones(residual.shape[-1])
             unit[:3] /= self._length if isinstance(each, Coincidence) else 1
-            J = _by_freedoms(self.part, at, residual, by_body)
+            nothing = 0.0 * residual[..., None]
+            columns = (np.repeat(nothing, body.motions.shape[1], -1) for body in self.part.bodies)
+            felt = [np.moveaxis(by_body.get(i, own), -1, 0) for i, own in enumerate(columns)]
+            J = np.moveaxis(self.part.joint_sums(q, felt), 0, -1)
             parts.append((unit * residual, unit[:, None] * J, unit * bias))
         residuals, Js, biases = zip(*parts, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(Js, -2), np.concatenate(biases, -1)
@@ -352,17 +350,6 @@ def _least_singular(columns: np.ndarray) -> np.ndarray:
     norms = np.linalg.norm(columns, axis=-2, keepdims=True)
     values = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False)
     return np.asarray(values.min(axis=-1, initial=1))
-
-
-def _by_freedoms(tree: "Tree", at: BodyKinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:
-    """Derivatives by the velocities of a tree (…, m, n), from those by the rates of its bodies' joints (…, m, f)."""
-    nothing = 0.0 * residual[..., None]
-    own = [by_body.get(i, np.repeat(nothing, body.freedoms, -1)) for i, body in enumerate(tree.bodies)]
-    for i in set(tree.followers) & set(by_body):
-        if (lead := tree.bodies[i].follows) is not None:
-            k = next(k for k, body in enumerate(tree.bodies) if body.joint == lead.joint)
-            own[k] = own[k] + lead.slope(at.states[k][0])[..., None] * own[i]
-    return np.concatenate([nothing[..., :0], *(own[i] for i in tree.moving)], axis=-1)
 
 
 def _least_squares(J: np.ndarray, b: np.ndarray) -> np.ndarray:

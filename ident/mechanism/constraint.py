@@ -1,13 +1,13 @@
 """Constraints of positions between bodies of a mechanism: frames or points that coincide, and sums of coordinates."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ident.geometry.se3 import Ad, ad, applied, hat
+from ident.geometry.se3 import Ad, ad, applied, hat, pose
 from ident.mechanism.body import BASE, Follower
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ class Coincidence:
     """
 
     name: str
-    bodies: tuple[str, str]
-    places: tuple[tuple[float, ...], tuple[float, ...]]
+    bodies: tuple[str, ...]
+    places: tuple[tuple[float, ...], ...]
     whole: bool = False
 
     def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
@@ -49,20 +49,18 @@ class Coincidence:
         ends = [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
         chains = [tree.chain(i) for i in ends]
         common = set(chains[0]) & set(chains[1])
-        residual, bias, by_body, R = np.zeros(3), np.zeros(6 if self.whole else 3), dict[int, np.ndarray](), []
+        size = 6 if self.whole else 3
+        residual, bias, by_body, R = np.zeros(3), np.zeros(size), dict[int, np.ndarray](), []
         for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
             own = np.reshape(place, (4, 4))
             T, V, A = (own, np.zeros(6), np.zeros(6)) if i == BASE else (at.poses[i] @ own, at.twists[i], at.rates[i])
             p, w = T[..., :3, 3], V[..., 3:]
-            arm = -hat(p)
-            to_point = np.concatenate([np.zeros_like(arm) + np.eye(3, dtype=int), arm], axis=-1)
-            velocity = applied(to_point, V)
-            residual, acceleration = residual + sign * p, applied(to_point, A) + applied(hat(w), velocity)
-            bias = bias + sign * (np.concatenate([acceleration, A[..., 3:]], axis=-1) if self.whole else acceleration)
-            for k in set(chain) - common:
-                S = at.screws[k]
-                rows = to_point @ S
-                by_body[k] = sign * (np.concatenate([rows, S[..., 3:, :]], axis=-2) if self.whole else rows)
+            # The twist of the point, in base axes.
+            at_point = Ad(pose(np.broadcast_to(np.eye(3, dtype=int), (*p.shape[:-1], 3, 3)), -p))[..., :size, :]
+            turned = applied(hat(w), applied(at_point, V)[..., :3])
+            centripetal = np.concatenate([turned, 0 * w], axis=-1)[..., :size]
+            residual, bias = residual + sign * p, bias + sign * (applied(at_point, A) + centripetal)
+            by_body |= {k: sign * at_point @ at.screws[k] for k in set(chain) - common}
             R.append(T[..., :3, :3])
         if self.whole:
             E = R[0] @ np.swapaxes(R[1], -1, -2)
@@ -92,27 +90,26 @@ class Relation:
         """Names of the bodies that the joints carry."""
         return tuple(name for name, _ in (*self.first, *self.second))
 
-    def fixed(self, body: str, value: float) -> "Relation":
-        """The relation with one coordinate fixed."""
-        shift = sum(weight * value for name, weight in self.second if name == body)
-        constant = sum(weight * value for name, weight in self.first if name == body)
+    def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Relation":
+        """The relation with some coordinates fixed, by the names of the bodies."""
+        sides = self.first, self.second
+        constant, shift = (sum(w * float(coordinates[x][0]) for x, w in own if x in coordinates) for own in sides)
         law = Polynomial(self.coefficients)(Polynomial([shift, 1])) - constant
-        first, second = (tuple(x for x in own if x[0] != body) for own in (self.first, self.second))
+        first, second = (tuple((x, w) for x, w in own if x not in coordinates) for own in sides)
         return replace(self, first=first, second=second, coefficients=tuple(law.coef.tolist()))
 
     def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
         """The row of the constraint."""
-        sums, by_body, law = [], dict[int, np.ndarray](), Follower(self.name, self.coefficients)
-        for weights in (self.first, self.second):
-            own = [[weight * x for x in at.states[tree.names.index(name)]] for name, weight in weights]
-            sums.append([sum(terms) for terms in zip(*own, strict=True)] or [np.zeros(1)] * 3)
-        (left, _, ddleft), right = sums
+        law, by_body, places = Follower(self.name, self.coefficients), dict[int, np.ndarray](), tree.names.index
+        left, right = (
+            [sum((w * at.states[places(name)][k] for name, w in side), np.zeros(1)) for k in range(3)]
+            for side in (self.first, self.second)
+        )
         value, _, ddvalue = law.states(*right)
-        for weights, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
-            for name, weight in weights:
-                i = tree.names.index(name)
+        for side, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
+            for i, weight in ((places(name), weight) for name, weight in side):
                 by_body[i] = by_body.get(i, 0) + (factor * weight + 0 * at.states[i][0])[..., None]
-        return left - value, by_body, ddleft - ddvalue
+        return left[0] - value, by_body, left[2] - ddvalue
 
 
 Constraint = Coincidence | Relation

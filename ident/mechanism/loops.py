@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -11,10 +11,15 @@ from scipy.linalg import null_space
 from ident.errors import ModelError
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.closure import OPEN, Closure
-from ident.mechanism.constraint import Constraint, Relation, members_of
+from ident.mechanism.constraint import Coincidence, Constraint, Relation, members_of
+from ident.mechanism.parallel_axes import LIKELY, NAMED, Turn, nearly_parallel
+from ident.tolerances import HUGE
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
+
+DIGITS = 1e-4
+"""Angle below which axes in loops are meant to be parallel, rad: that of two angles with four decimals."""
 
 INDEPENDENT = 1e-3
 """Part of a column of the constraints that counts as independent of others: models state places with few digits."""
@@ -44,21 +49,21 @@ class Constraints:
         """
         if not self.rows:
             return ()
-        (J, owners), part = self._columns(tree), part_of(tree, self.rows)
-        first = {*self.followers(tree), *(body.joint for body in part.bodies if body.is_ball)}
+        J, owners = self._columns(tree)
+        joints = dict.fromkeys(owners.tolist())
+        first = {*self.followers(tree), *(body.joint for body in tree.bodies if body.is_ball)}
         kinds = {
-            joint: -1 if joint in lacking else 2 if joint in driven else int(joint not in first)
-            for joint in part.joints
+            joint: -1 if joint in lacking else 2 if joint in driven else int(joint not in first) for joint in joints
         }
         chosen = owners[_independent_columns(J, [kinds[joint] for joint in owners])]
         # Of a ball all that the constraints see has to follow.
         ranks = {joint: _row_space(J[:, owners == joint]).shape[1] for joint in chosen}
-        return tuple(joint for joint in part.joints if joint in ranks and sum(chosen == joint) == ranks[joint])
+        return tuple(joint for joint in joints if joint in ranks and sum(chosen == joint) == ranks[joint])
 
     def _columns(self, tree: "Tree") -> tuple[np.ndarray, np.ndarray]:
         """Derivatives in the model's posture by the velocities of the loops (m, n), and their joints' names (n,)."""
         closure = self._closure(tree, ())
-        return closure.rows(closure.anchors)[1][0], closure.owners("freedoms")
+        return closure.rows(closure.anchors)[1][0], closure.part.owners("freedoms")
 
     def closing(self, tree: "Tree", lacking: Collection[str], driven: Collection[str] = ()) -> "Tree":
         """The tree with its loops closed, itself where all their joints are measured and none is driven.
@@ -84,10 +89,8 @@ class Constraints:
             links = [replace(body, parent=places[body.parent])]
             if body.is_ball and body.joint in dependent:
                 axes, own = _row_space(J[:, owners == body.joint]), null_space(J)[owners == body.joint]
-                axes = axes @ np.linalg.svd(axes.T @ own)[0]
-                links = _hinges(
-                    links[0], self.posture[body.joint], axes[:, [0, *range(2, axes.shape[1]), 1]], len(bodies)
-                )
+                axes = (axes @ np.linalg.svd(axes.T @ own)[0])[:, [0, *range(2, axes.shape[1]), 1]]
+                links = _hinges(links[0], self.posture[body.joint], axes, len(bodies))
                 posture |= {link.joint: np.zeros(1) for link in links}
             bodies += links
             places[i] = len(bodies) - 1
@@ -100,26 +103,33 @@ class Constraints:
         """The constraints, of which none contradicts others.
 
         Raises:
-            ModelError: Together they leave joints no motion that each leaves them, or are sums that do not agree.
+            ModelError: One has numbers beyond all use; or together they leave joints no motion that each leaves them,
+                or are sums that do not agree.
         """
-        own = [replace(self, rows=(row,)) for row in self.rows]
-        loose = replace(self, rows=tuple(e.rows[0] for e in own if {*e.dependent(tree)} != {*e.coupled(tree)}))
+        for row in self.rows:
+            numbers = row.places if isinstance(row, Coincidence) else row.coefficients
+            if not (np.abs(numbers) < HUGE).all():
+                raise ModelError(
+                    f"The constraint '{row.name}' needs numbers below {HUGE:g}, as of its anchor or polycoef."
+                )
+        loose = replace(self, rows=tuple(row for row in self.rows if not replace(self, rows=(row,)).hold(tree)))
         sums = replace(self, rows=tuple(row for row in self.rows if isinstance(row, Relation)))
         apart = sums._closure(tree, sums.dependent(tree)).apart if sums.rows else 0.0
-        locked = loose.dependent(tree) if len(loose.rows) > 1 and not tree.still else ()
-        if locked and {*locked} == {*loose.coupled(tree)}:
-            self._refuse(loose.rows, f"they leave {', '.join(locked)} no motion")
-        if apart > OPEN:
-            self._refuse(sums.rows, f"{apart:.2g} rad or m remain between their sums of joints")
-        return self
-
-    @staticmethod
-    def _refuse(rows: Sequence[Constraint], why: str) -> None:
-        names = [row.name for row in rows]
+        if len(loose.rows) > 1 and not tree.still and loose.hold(tree):
+            wrong, why = loose.rows, f"they leave {', '.join(loose.coupled(tree))} no motion"
+        elif apart > OPEN:
+            wrong, why = sums.rows, f"{apart:.2g} rad or m remain between their sums of joints"
+        else:
+            return self
+        names = [row.name for row in wrong]
         raise ModelError(
             f"The constraints {', '.join(names)} contradict each other: {why}. Leave the wrong one out with --ignore, "
             f"of {' '.join(names)}."
         )
+
+    def hold(self, tree: "Tree") -> bool:
+        """True if there are constraints, and they leave their joints no motion."""
+        return bool(self.rows) and {*self.dependent(tree)} == {*self.coupled(tree)}
 
     def followers(self, tree: "Tree") -> dict[str, Follower]:
         """Joints that a constraint makes a polynomial of another one, by name, each of one that is none itself."""
@@ -129,7 +139,8 @@ class Constraints:
             if isinstance(row, Relation) and len(row.first) == len(row.second) == 1:
                 (own, weight), (lead, gain) = row.first[0], row.second[0]
                 law = Polynomial(row.coefficients)(Polynomial([0, gain])) / weight
-                laws.setdefault(owners[own], (owners[lead], law))
+                if {owners[own], owners[lead]} <= {*tree.joints}:
+                    laws.setdefault(owners[own], (owners[lead], law))
         for _ in range(len(laws)):
             for joint, (lead, law) in laws.items():
                 if lead in laws:
@@ -141,16 +152,20 @@ class Constraints:
         }
 
     def _closure(self, tree: "Tree", dependent: tuple[str, ...]) -> Closure:
-        """Closure with the model's posture as its anchor, in which the loops may be open."""
-        part = part_of(tree, self.rows)
+        """Closure with the model's posture as its anchor, in which the loops may be open.
+
+        Its part are the bodies through which the loops go, all other bodies at rest.
+        """
+        members = sorted(members_of(tree, self.rows))
+        places = {i: k for k, i in enumerate(members)}
+        own = ((tree.bodies[i], places.get(tree.bodies[i].parent, BASE)) for i in members)
+        part = type(tree)(tuple(replace(body, parent=parent) for body, parent in own))
         q = np.concatenate([np.zeros(0), *(self.posture[joint] for joint in part.joints)])[None]
         return Closure(part, self.rows, dependent, q)
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray], tree: "Tree") -> "Constraints":
         """The constraints of a tree in which some bodies' joints were fixed, at coordinates by the bodies' names."""
-        rows = list(self.rows)
-        for body, q in coordinates.items():
-            rows = [row.fixed(body, float(q[0])) if isinstance(row, Relation) else row for row in rows]
+        rows = (row.fixed(coordinates) if isinstance(row, Relation) else row for row in self.rows)
         return replace(self, rows=tuple(rows)).within(tree)
 
     def coupled(self, tree: "Tree") -> tuple[str, ...]:
@@ -171,14 +186,6 @@ class Constraints:
             if inside == {True} and any(tree.bodies[i].moves for i in members_of(tree, [row])):
                 rows.append(row)
         return replace(self, rows=tuple(rows))
-
-
-def part_of(tree: "Tree", rows: Collection[Constraint]) -> "Tree":
-    """The bodies of a tree through which the loops of constraints go, all other bodies at rest."""
-    members = sorted(members_of(tree, rows))
-    places = {i: k for k, i in enumerate(members)}
-    own = ((tree.bodies[i], places.get(tree.bodies[i].parent, BASE)) for i in members)
-    return type(tree)(tuple(replace(body, parent=parent) for body, parent in own))
 
 
 def _row_space(J: np.ndarray) -> np.ndarray:
@@ -212,3 +219,50 @@ def _independent_columns(J: np.ndarray, order: Collection[int]) -> list[int]:
             left = left - np.outer(unit, unit @ left)
             out.append(k)
     return out
+
+
+class Alignment(NamedTuple):
+    """A tree with axes of its loops parallel.
+
+    Attributes:
+        tree: The tree.
+        angles: Angles by which axes were turned, rad, by the names of their joints.
+    """
+
+    tree: "Tree"
+    angles: Mapping[str, float]
+
+
+def alignments(tree: "Tree") -> tuple[Alignment, Alignment]:
+    """A tree with those axes of its loops parallel that have to be, and with all that may be meant to be.
+
+    Axes have to be parallel if only a model's digits keep them from it, or if loops move only then: with any angle
+    between two axes a four-bar of four hinges is rigid.
+    """
+    if (closure := tree.closure) is None:
+        return Alignment(tree, {}), Alignment(tree, {})
+    likely, named = (nearly_parallel(closure.part.bodies, closure.dependent, angle) for angle in (LIKELY, NAMED))
+    parallel = _aligned(tree, likely)
+    every = parallel if named.keys() == likely.keys() else _aligned(tree, named)
+    needed = {i for i, turn in likely.items() if turn.angle < DIGITS}
+    if (other := parallel.tree.closure) and len(needed) < len(likely):
+        ranks = zip(closure.constraints, closure.ranks(), other.ranks(), strict=True)
+        needed |= members_of(closure.part, [row for row, skew, aligned in ranks if aligned < skew])
+    least = _aligned(tree, {i: turn for i, turn in likely.items() if i in needed})
+    return least, every if every.angles else parallel
+
+
+def _aligned(tree: "Tree", turns: Mapping[int, Turn]) -> Alignment:
+    """A tree with some axes of its loops turned, by indices of the loops' bodies; as it is if they then stay open."""
+    if (closure := tree.closure) is None or not turns:
+        return Alignment(tree, {})
+    twists = {closure.part.bodies[i].name: turn.twist for i, turn in turns.items()}
+    part, whole = (
+        tuple(replace(body, twist=twists.get(body.name, body.twist)) for body in each.bodies)
+        for each in (closure.part, tree)
+    )
+    try:
+        closed = replace(closure, part=replace(closure.part, bodies=part)).in_posture()
+    except ModelError:
+        return Alignment(tree, {})
+    return Alignment(replace(tree, bodies=whole, closure=closed), {turn.joint: turn.angle for turn in turns.values()})

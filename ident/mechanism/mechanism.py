@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,6 @@ class Mechanism(Brief):
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
-        mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
@@ -58,7 +58,6 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
-    mimics: Mapping[str, Follower] = field(default_factory=dict)
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
     constraints: Constraints = field(default_factory=Constraints)
@@ -145,10 +144,9 @@ class Mechanism(Brief):
 
     def rested(self) -> "Mechanism":
         """The mechanism with those joints welded as well that loops hold because others are fixed."""
-        names = self.constraints.dependent(self.tree, self.tree.joints) if self.tree.still else ()
-        if not names or {*names} != {*self.in_loops}:
+        if not self.tree.still or not self.constraints.hold(self.tree):
             return self
-        tree = self.constraints.closed(self.tree, names)
+        tree = self.constraints.closed(self.tree, self.in_loops)
         opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
         return replace(self, tree=opened).fixed(tree.closure.posture if tree.closure else {})
 
@@ -176,6 +174,14 @@ class Mechanism(Brief):
         # Of right angles nothing but rounding is left.
         return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), base_rpy_deg=rpy)
 
+    @cached_property
+    def mimics(self) -> dict[str, Follower]:
+        """Functions by which constraints make joints follow another one if they are not measured, by name.
+
+        A joint with drives of its own depends on others instead, so that these act on it.
+        """
+        return {joint: law for joint, law in self.constraints.followers(self.tree).items() if joint not in self.drives}
+
     def following(self, followers: Mapping[str, Follower]) -> "Mechanism":
         """The mechanism with some joints that follow others, by name; they lose their names and their drives."""
         leads = {body: followers[body.joint] for body in self.tree.bodies if body.joint in followers}
@@ -202,13 +208,11 @@ class Mechanism(Brief):
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:
         """Names of the joints by which each joint without a position is determined, from those of joints with one."""
-        followers = {j: lead for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
-        rest = self.following(followers)
-        lacking = [joint for joint in rest.tree.joints if joint not in placed]
-        leads = ", ".join(joint for joint in rest.in_loops if joint in placed)
-        depending = {*rest.constraints.dependent(rest.tree, lacking)} & {*lacking}
-        own = {joint: lead.joint for joint, lead in followers.items()}
-        return own | {joint: leads for joint in rest.tree.joints if joint in depending}
+        own = {j: lead.joint for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+        lacking = [joint for joint in self.tree.joints if joint not in placed]
+        leads = ", ".join(joint for joint in self.in_loops if joint in placed)
+        depending = {*self.constraints.dependent(self.tree, lacking)} & {*lacking} - {*own}
+        return own | {joint: leads for joint in self.tree.joints if joint in depending}
 
     @property
     def in_loops(self) -> tuple[str, ...]:
@@ -230,11 +234,10 @@ class Mechanism(Brief):
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
         moved = (*tree.freedoms, *tree.dependent)
         drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in moved}
         loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
-        return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
+        return {"ranges": ranges, "drives": drives, "loops": loops}
 
     @property
     def known(self) -> np.ndarray:

@@ -115,6 +115,10 @@ class Tree:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
         return tuple(name for body in self.bodies for name in body.freedom_names)
 
+    def owners(self, what: str) -> np.ndarray:
+        """Name of the joint of each of the `coordinates` or `freedoms`."""
+        return np.repeat(self.joints, [getattr(self.bodies[i], what) for i in self.moving])
+
     @property
     def carriers(self) -> dict[str, str]:
         """Names of bodies by those of the freedoms that move them."""
@@ -215,13 +219,12 @@ class Tree:
         """Indices of the loops' independent joints, in the loops' order, among the coordinates and the velocities."""
         if self.closure and not self.size:
             raise self.closure.rigid()
-        independent, out = self.closure.independent if self.closure else (), list[np.ndarray]()
-        for sizes in ([body.coordinates for body in self.bodies], [body.freedoms for body in self.bodies]):
-            own = {
-                b.joint: range(end - n, end) for b, n, end in zip(self.bodies, sizes, accumulate(sizes), strict=True)
-            }
-            out.append(np.array([k for joint in independent for k in own[joint]], int))
-        return out[0], out[1]
+        independent = self.closure.independent if self.closure else ()
+        owners = [self.owners(what) for what in ("coordinates", "freedoms")]
+        first, second = (
+            np.array([k for joint in independent for k in np.flatnonzero(own == joint)], int) for own in owners
+        )
+        return first, second
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""
@@ -322,13 +325,10 @@ class Tree:
             Coordinates and rates of every body's joint.
         """
         dealt = list(zip(self.body_coordinates(q), *map(self.body_velocities, rates), strict=True))
-        leaders = {self.bodies[i].joint: dealt[i] for i in self.moving}
-        if self.closure:
-            x, *own = (np.asarray(values)[..., self._of_loops[k > 0]] for k, values in enumerate((q, *rates)))
-            states = self.closure.completed(x, self.started(q)[..., self.size :], *own)
-            for k, joint in enumerate(self.dependent):
-                leaders[joint] = tuple(x[..., k : k + 1] for x in states)
-            dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
+        of_loops = self.dependent_states(q, *rates)
+        leaders = {joint: tuple(x[..., k : k + 1] for x in of_loops) for k, joint in enumerate(self.dependent)}
+        dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
+        leaders |= {self.bodies[i].joint: dealt[i] for i in self.moving}
         for i in self.followers:
             lead = self.bodies[i].follows
             dealt[i] = lead.states(*leaders[lead.joint]) if lead else dealt[i]
@@ -340,7 +340,7 @@ class Tree:
         A follower adds f'(q) τ to its leader, dependent joints add Gᵀ τ to the independent ones.
 
         Args:
-            q: Joint coordinates of one sample (n_q,), also with those of dependent joints.
+            q: Joint coordinates (…, n_q), of one sample if there are loops, also with those of dependent joints.
             felt: Torques of each body's joint along its axes, or their rows, (0, …), (1, …) or (3, …).
 
         Returns:
@@ -352,7 +352,7 @@ class Tree:
         for i in self.followers:
             if (lead := self.bodies[i].follows) is not None:
                 k = places[lead.joint]
-                own[k] = own[k] + lead.slope(states[k][0][0]) * felt[i]
+                own[k] = own[k] + lead.slope(states[k][0]) * felt[i]
         felt = [x for x, body in zip(own, self.bodies, strict=True) if not body.follows and not body.depends]
         if not self.closure:
             return np.concatenate(felt)
@@ -378,9 +378,9 @@ class Tree:
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""
         if not self.closure:
-            return [x[..., :0] for x in (q, *rates)]
-        states = {body.depends: x for body, x in zip(self.bodies, self.body_states(q, *rates), strict=True)}
-        return [np.concatenate([states[name][k] for name in self.dependent], axis=-1) for k in range(1 + len(rates))]
+            return [np.asarray(x)[..., :0] for x in (q, *rates)]
+        x, *own = (np.asarray(values)[..., self._of_loops[k > 0]] for k, values in enumerate((q, *rates)))
+        return self.closure.completed(x, self.started(q)[..., self.size :], *own)
 
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)

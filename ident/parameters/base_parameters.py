@@ -13,10 +13,10 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
+from ident.mechanism.loops import alignments
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
-from ident.parameters.aligned_loops import alignments
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -37,10 +37,11 @@ class BaseParameters(Brief):
         passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
             errors would be large; columns further right are kept instead. If this is empty and no names are pinned, the
             kept columns are the first independent ones, left to right.
-        angles: Angles between axes in loops that are nearly parallel, rad, by the names of their joints.
-        by_digits: Names of further columns that only those of these angles make independent that are a model's digits,
-            or without which its loops do not move.
-        by_angles: Names of base parameters that only the others of them make independent.
+        angles: Angles between axes in loops that count as parallel, rad, by the names of their joints: a model's
+            digits, and those without which its loops do not move.
+        by_digits: Names of further columns that only these angles make independent.
+        skew: Angles of other axes in loops that are nearly parallel.
+        by_angles: Names of base parameters that only these make independent.
     """
 
     parameters: tuple[str, ...]
@@ -51,6 +52,7 @@ class BaseParameters(Brief):
     passed_over: tuple[str, ...] = ()
     angles: Mapping[str, float] = field(default_factory=dict)
     by_digits: tuple[str, ...] = ()
+    skew: Mapping[str, float] = field(default_factory=dict)
     by_angles: tuple[str, ...] = ()
 
     @property
@@ -74,14 +76,15 @@ class BaseParameters(Brief):
     def remark(self) -> str:
         """Sentences on the columns passed over and on those by angles between axes, empty if there are none."""
         later = "Later parameters are base parameters instead of these, which nearly depend on earlier ones"
-        off = ", ".join(f"{joint} {angle:.2g} rad" for joint, angle in self.angles.items())
-        near = f"Axes in loops are nearly parallel ({off} off)"
+        angles = self.angles, self.skew
+        off = [", ".join(f"{joint} {angle:.2g} rad" for joint, angle in each.items()) for each in angles]
+        near, skew = (f"Axes in loops are nearly parallel ({each} off)" for each in off)
         more = f"and count as parallel; only these angles would add {len(self.by_digits)} to the"
         counted = f"; only these angles add {len(self.by_angles)} of the {self.rank} base parameters"
         sentences = (
             (later, self.passed_over),
             (f"{near} {more} {self.rank} base parameters", self.by_digits),
-            (f"{near}{counted}, so align the axes if they are meant to be parallel", self.by_angles),
+            (f"{skew}{counted}, so align the axes if they are meant to be parallel", self.by_angles),
         )
         return " ".join(f"{text}: {', '.join(names)}." for text, names in sentences if names)
 
@@ -222,21 +225,18 @@ def _of_samples(
     Y, base = sampled_structure(mechanism, sensors), None
     if needed.angles:
         aligned = sampled_structure(replace(mechanism, tree=needed.tree), sensors)
-        parallel, (unit, _) = (
-            _of_regressor(aligned, 1.0, names, kept),
-            independent_columns.unit_columns(Y.reshape(-1, Y.shape[-1])),
-        )
-        if more := _independent_beyond(
-            parallel,
-            Y,
-            independent_columns.numerical_rank(np.linalg.svd(unit, compute_uv=False), independent_columns.NEGLIGIBLE),
-        ):
+        parallel = _of_regressor(aligned, 1.0, names, kept)
+        unit, _ = independent_columns.unit_columns(Y.reshape(-1, Y.shape[-1]))
+        s = np.linalg.svd(unit, compute_uv=False)
+        rank = independent_columns.numerical_rank(s, independent_columns.NEGLIGIBLE)
+        if more := _independent_beyond(parallel, Y, rank):
             Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
     base = base or _of_regressor(Y, 1.0, names, kept)
     if every.angles != needed.angles:
         parallel = _of_regressor(sampled_structure(replace(mechanism, tree=every.tree), sensors), 1.0, names, None)
         if more := _independent_beyond(parallel, Y, base.rank):
-            base = replace(base, angles=every.angles, by_angles=more)
+            skew = {joint: angle for joint, angle in every.angles.items() if joint not in base.angles}
+            base = replace(base, skew=skew, by_angles=more)
     return base
 
 

@@ -128,8 +128,8 @@ def _fused(closure: Closure, recording: "Recording", x: np.ndarray) -> tuple[np.
 
     Of the coordinates' errors e, a dependent joint's column shows y - y(x) = e_y - G e but for a constant: its zero.
     """
-    columns = {k: f"{joint}_position" for k, joint in enumerate(closure.dependent)}
-    columns = {k: name for k, name in columns.items() if name in recording.measured}
+    every = enumerate(f"{joint}_position" for joint in closure.dependent)
+    columns = {k: name for k, name in every if name in recording.measured}
     own = [f"{joint}_position" for joint in closure.independent]
     if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
         return x, []

@@ -5,10 +5,13 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
+from ident.geometry.se3 import pose, rotation
+from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.tree import Tree
-from sim.models.notes import joint_name, name_of, note
+from sim.models.notes import body_name, joint_name, name_of, note
 
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
@@ -20,6 +23,9 @@ SOFT = 0.04
 """Time constant of an equality above which it may be meant as a spring, s: twice MuJoCo's default, with which rigid
 parts are modelled."""
 
+Term = tuple[int, float]
+"""A joint, by its id, and its coefficient in a sum."""
+
 
 class Coupling(NamedTuple):
     """One equality constraint, tendon or flex.
@@ -29,7 +35,7 @@ class Coupling(NamedTuple):
         kind: Its kind, for messages.
         bodies: Ids of the bodies that it acts on, for a joint those on both sides.
         joints: Names of the joints that it acts on, None if it may act on all joints between its bodies.
-        closes: True for a constraint of positions, which a mechanism's `constraints` hold.
+        row: The constraint of positions that it is, for a mechanism's `constraints`; None for others.
         soft: True if it yields so slowly that it may be meant as a spring.
     """
 
@@ -37,7 +43,7 @@ class Coupling(NamedTuple):
     kind: str
     bodies: set[int]
     joints: set[str] | None
-    closes: bool = False
+    row: Constraint | None = None
     soft: bool = False
 
     def __str__(self) -> str:
@@ -88,14 +94,14 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if closing := [c for c in acting if c.closes]:
+    if closing := [c for c in acting if c.row]:
         note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
-    if soft := [c for c in acting if c.closes and c.soft]:
+    if soft := [c for c in acting if c.row and c.soft]:
         note(
             f"Soft as a spring, but taken as rigid: {', '.join(c.name for c in soft)}. With --ignore, all their joints "
             "need columns; their forces then change joint torques, but no wrench."
         )
-    if others := [c for c in acting if not c.closes]:
+    if others := [c for c in acting if not c.row]:
         note(
             f"The equations leave out {', '.join(map(str, others))}; between bodies of the mechanism "
             "this changes joint torques, but no wrench."
@@ -117,15 +123,15 @@ def check_torques(
         ModelError: There is a coupling that is not ignored, or a name is unknown.
     """
     acting = _acting(model, members, ignore) if joints else []
-    acting = [c for c in acting if not c.closes and (c.joints is None or c.joints & set(joints))]
+    acting = [c for c in acting if not c.row and (c.joints is None or c.joints & set(joints))]
     _refuse(acting, "which act on its joints")
 
 
-def loops_of(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[str, ...]]:
-    """Joints of a tree whose torques each coupling changes, by the coupling's name: those between its bodies."""
+def loops_of(model: mujoco.MjModel, tree: Tree, held: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Joints of a tree whose torques each coupling that is not held changes, by its name: those between its bodies."""
     loops = dict[str, tuple[str, ...]]()
-    for each in couplings(model):
-        names = {name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) if b >= 0 else "" for b in each.bodies}
+    for each in (each for each in couplings(model) if each.name not in held):
+        names = {body_name(model, b) if b >= 0 else "" for b in each.bodies}
         joints = each.joints or {
             tree.bodies[i].joint
             for i in tree.moving
@@ -157,21 +163,29 @@ def _refuse(acting: Sequence[Coupling], why: str) -> None:
         )
 
 
-def _sides(model: mujoco.MjModel, joints: Sequence[int]) -> set[int]:
-    """Ids of the bodies on both sides of joints."""
+def _of_joints(
+    model: mujoco.MjModel, name: str, kind: str, joints: Sequence[int], row: Constraint | None = None
+) -> Coupling:
+    """A coupling of joints, which acts on the bodies on both sides of each."""
     bodies = {int(model.jnt_bodyid[j]) for j in joints}
-    return bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}
+    sides = bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}
+    return Coupling(name, kind, sides, {joint_name(model, j) for j in joints}, row)
 
 
 def _tendon(model: mujoco.MjModel, t: int) -> Coupling:
     name = name_of(model, mujoco.mjtObj.mjOBJ_TENDON, t)
+    if terms := _terms(model, t):
+        return _of_joints(model, name, "tendon", [j for j, _ in terms])
     part = slice(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
-    wrapped = list(zip(model.wrap_type[part].tolist(), model.wrap_objid[part].tolist(), strict=True))
-    joints = [k for kind, k in wrapped if kind == _JOINT]
-    if joints:
-        return Coupling(name, "tendon", _sides(model, joints), {joint_name(model, j) for j in joints})
-    sites = {int(model.site_bodyid[k]) for kind, k in wrapped if kind == _SITE}
-    return Coupling(name, "tendon", sites | {int(model.geom_bodyid[k]) for kind, k in wrapped if kind in _GEOMS}, None)
+    owners = {_SITE: model.site_bodyid, **dict.fromkeys(_GEOMS, model.geom_bodyid)}
+    wrapped = zip(model.wrap_type[part].tolist(), model.wrap_objid[part].tolist(), strict=True)
+    return Coupling(name, "tendon", {int(owners[kind][k]) for kind, k in wrapped if kind in owners}, None)
+
+
+def _terms(model: mujoco.MjModel, t: int) -> list[Term]:
+    """Joints of a fixed tendon with their coefficients; none of a spatial one."""
+    wraps = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
+    return [(int(model.wrap_objid[w]), float(model.wrap_prm[w])) for w in wraps if model.wrap_type[w] == _JOINT]
 
 
 def _flex(model: mujoco.MjModel, f: int) -> Coupling:
@@ -187,13 +201,40 @@ def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes
     kind = mujoco.mjtEq(model.eq_type[e]).name.removeprefix("mjEQ_").lower()
     what = f"equality ({kind})"
     objects = [int(k) for k in (model.eq_obj1id[e], model.eq_obj2id[e]) if k >= 0]
-    if kind == "joint":
-        return Coupling(name, what, _sides(model, objects), {joint_name(model, j) for j in objects}, True)
-    if kind == "tendon" or kind.startswith("flex"):
-        parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
-        joints = None if any(c.joints is None for c in parts) else set().union(*(c.joints or () for c in parts))
-        closes = kind == "tendon" and joints is not None
-        return Coupling(name, what, set().union(*(c.bodies for c in parts)), joints, closes)
+    if kind in ("connect", "weld"):
+        bodies, ends = _coincidence(model, e, name, objects)
+        return Coupling(name, what, set(bodies), None, ends)
+    if kind in ("joint", "tendon"):
+        sums = [[(k, 1.0)] if kind == "joint" else _terms(model, k) for k in objects]
+        if all(sums):
+            row = _relation(model, e, name, sums)
+            return _of_joints(model, name, what, [j for terms in sums for j, _ in terms], row)
+    parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
+    return Coupling(name, what, set().union(*(c.bodies for c in parts)), None)
+
+
+def _coincidence(model: mujoco.MjModel, e: int, name: str, ids: Sequence[int]) -> tuple[list[int], Coincidence]:
+    """Ids of the bodies of a `connect` or `weld`, between bodies or sites, and the constraint."""
+    whole, data = bool(model.eq_type[e] == mujoco.mjtEq.mjEQ_WELD), model.eq_data[e]
     if model.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
-        objects = [int(model.site_bodyid[k]) for k in objects]
-    return Coupling(name, what, set(objects), None, True)
+        bodies, ends = model.site_bodyid[ids].tolist(), [(model.site_quat[k], model.site_pos[k]) for k in ids]
+    else:
+        one = np.eye(4)[0]
+        bodies, ends = ids, [(data[6:10], data[3:6]), (one, data[:3])] if whole else [(one, data[:3]), (one, data[3:6])]
+    places = tuple(tuple(pose(rotation(turn), at).ravel().tolist()) for turn, at in ends)
+    return bodies, Coincidence(name, tuple(body_name(model, b) for b in bodies), places, whole)
+
+
+def _relation(model: mujoco.MjModel, e: int, name: str, sums: Sequence[Sequence[Term]]) -> Relation:
+    """A sum of joints as the polynomial of another one; its displacements are from the reference configuration."""
+    at = [sum(c * model.qpos0[model.jnt_qposadr[j]] for j, c in terms) for terms in sums]
+    first, second = [tuple((_carried(model, j), c) for j, c in terms) for terms in (*sums, ())[:2]]
+    law = Polynomial(model.eq_data[e, :5])(Polynomial([-sum(at[1:]), 1.0])) + at[0]
+    return Relation(name, first, second, tuple(law.trim().coef.tolist()))
+
+
+def _carried(model: mujoco.MjModel, j: int) -> str:
+    """Name of the body or massless link of the tree that a joint carries."""
+    b = int(model.jnt_bodyid[j])
+    last = j == model.body_jntadr[b] + model.body_jntnum[b] - 1
+    return body_name(model, b) if last else f"{body_name(model, b)}:{joint_name(model, j)}"

@@ -6,19 +6,16 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from ident.annotations import typed
 from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
-from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.tolerances import HUGE
-from sim.models.couplings import loops_of
+from sim.models.couplings import couplings, loops_of
 from sim.models.model_drives import drives_of_model
 from sim.models.mujoco_model import (
     BEYOND,
@@ -29,97 +26,12 @@ from sim.models.mujoco_model import (
     mechanism_bodies,
     parameters_from_model,
     place_of_site,
-    placed_pose,
     rest_coordinates,
     tree_from_model,
 )
 from sim.models.notes import joint_name, name_of, note, note_units
 from sim.models.opensim.reading import is_opensim, mechanism_from_opensim
 from sim.models.urdf import transmissions
-
-_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
-_JOINT, _TENDON = int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)
-_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
-
-Terms = tuple[tuple[str, float], ...]
-
-
-def constraints_of(
-    model: mujoco.MjModel, tree: Tree, ignore: Collection[str], posture: Mapping[str, np.ndarray]
-) -> Constraints:
-    """Constraints among the bodies of a tree, of which none is ignored.
-
-    Args:
-        model: Compiled model.
-        tree: The tree.
-        ignore: Names of equality constraints to leave out.
-        posture: Coordinates of all joints of the model's tree, those of its fixed ones included.
-    """
-    rows = list[Constraint]()
-    for e in range(model.neq):
-        name = name_of(model, mujoco.mjtObj.mjOBJ_EQUALITY, e)
-        if model.eq_active0[e] and name not in ignore and (row := _constraint(model, tree, e, name)) is not None:
-            rows.append(row)
-    held = {body.name: posture[body.still] for body in tree.bodies if body.still}
-    return Constraints(tuple(rows), posture).fixed(held, tree)
-
-
-def _constraint(model: mujoco.MjModel, tree: Tree, e: int, name: str) -> Constraint | None:
-    """One equality as a constraint; None where it reaches outside the tree, or is none of positions."""
-    kind = int(model.eq_type[e])
-    if kind not in (_CONNECT, _WELD, _JOINT, _TENDON):
-        return None
-    if not (abs(model.eq_data[e]) < HUGE).all():
-        raise ModelError(f"The constraint '{name}' needs numbers below {HUGE:g}, as of its anchor or polycoef.")
-    if kind in (_CONNECT, _WELD):
-        between = _coincidence(model, e, name)
-        return between if {*between.bodies} <= {*tree.names} else None
-    sums = _of_joint if kind == _JOINT else _of_tendon
-    sides = [sums(model, int(k)) if k >= 0 else ((), 0.0) for k in (model.eq_obj1id[e], model.eq_obj2id[e])]
-    if sides[0] is None or sides[1] is None:
-        return None
-    (first, at), (second, of_second) = sides[0], sides[1]
-    # The polynomial is one of displacements from the reference configuration.
-    law = Polynomial(model.eq_data[e, :5])(Polynomial([-of_second, 1.0])) + at
-    row = Relation(name, first, second, tuple(law.trim().coef.tolist()))
-    return row if set(row.bodies) <= set(tree.names) else None
-
-
-def _coincidence(model: mujoco.MjModel, e: int, name: str) -> Coincidence:
-    """A `connect` or `weld`, between bodies or sites."""
-    whole, data, ids = model.eq_type[e] == _WELD, model.eq_data[e], (model.eq_obj1id[e], model.eq_obj2id[e])
-    if model.eq_objtype[e] == _SITE:
-        bodies = [int(model.site_bodyid[k]) for k in ids]
-        places = [placed_pose(model.site_pos[k], model.site_quat[k]) for k in ids]
-    else:
-        bodies, one = [int(k) for k in ids], np.eye(4)[0]
-        points = (data[3:6], data[:3]) if whole else (data[:3], data[3:6])
-        places = [placed_pose(points[0], data[6:10] if whole else one), placed_pose(points[1], one)]
-    names = [name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
-    own = [tuple(place.ravel().tolist()) for place in places]
-    return Coincidence(name, (names[0], names[1]), (own[0], own[1]), bool(whole))
-
-
-def _of_joint(model: mujoco.MjModel, j: int) -> tuple[Terms, float] | None:
-    """A joint's coordinate as a sum by the names of the bodies in the tree, and its value in the reference."""
-    return ((_carried(model, j), 1.0),), float(model.qpos0[model.jnt_qposadr[j]])
-
-
-def _of_tendon(model: mujoco.MjModel, t: int) -> tuple[Terms, float] | None:
-    """Length of a fixed tendon, likewise; None for a spatial one."""
-    wraps = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
-    if any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
-        return None
-    terms = [(int(model.wrap_objid[w]), float(model.wrap_prm[w])) for w in wraps]
-    return tuple((_carried(model, j), c) for j, c in terms), float(model.tendon_length0[t])
-
-
-def _carried(model: mujoco.MjModel, j: int) -> str:
-    """Name of the body or massless link of the tree that a joint carries."""
-    b = int(model.jnt_bodyid[j])
-    body = name_of(model, mujoco.mjtObj.mjOBJ_BODY, b)
-    last = j == model.body_jntadr[b] + model.body_jntnum[b] - 1
-    return body if last else f"{body}:{joint_name(model, j)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +116,12 @@ def _from_mujoco(
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
     arm = Mechanism(tree, gravity, prior, _sites(model, members), _ranges(model, tree), origin, pose, drives=driven)
     posture = rest_coordinates(model, base, beyond) | {joint: np.array(q) for joint, q in fix.items() if q}
-    constraints = constraints_of(model, tree, ignore, posture).checked(tree)
-    held = {row.name for row in constraints.rows}
-    loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
-    # Drives of its own act on a joint that depends on others, not on one that follows another.
-    mimics = {joint: lead for joint, lead in constraints.followers(tree).items() if joint not in driven}
-    arm = replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
+    rows = (each.row for each in couplings(model) if each.row and each.name not in ignore)
+    inside = tuple(row for row in rows if {*row.bodies} <= {*tree.names})
+    held = {body.name: posture[body.still] for body in tree.bodies if body.still}
+    constraints = Constraints(inside, posture).fixed(held, tree).checked(tree)
+    loops = loops_of(model, tree, [row.name for row in constraints.rows])
+    arm = replace(arm, loops=loops, constraints=constraints).rested()
     if arm.loose:
         note(
             f"Constraints and actuators leave {', '.join(arm.loose)} free, which only springs, limits or contacts "

@@ -11,7 +11,7 @@ import pytest
 from commands import sentence_of
 from mechanisms import random_phi
 from numpy.polynomial import Polynomial
-from opensim_files import Joint, constant, coordinate, document, every_kind, linear, spatial, table
+from opensim_files import Joint, constant, coordinate, coupler, document, every_kind, linear, spatial, table
 
 import sim
 from ident.errors import ModelError
@@ -136,6 +136,11 @@ def test_a_base_carries_its_part_of_the_model(stated):
         ('name="ball_2"', 'name="ball_1"', "name of its own"),
         ("<independent_coordinate_names>bend", "<independent_coordinate_names>knee", "got 'beta_0' on 'knee'"),
         ("<independent_coordinate_names>bend", "<independent_coordinate_names>beta_0", "each other in a circle"),
+        (
+            "<ConstraintSet><objects>",
+            f"<ConstraintSet><objects>{coupler('slip', 'beta_0', linear(2.0))}",
+            "makes 'beta_0' depend on 'bend', another constraint on 'slip'; leave one out",
+        ),
     ],
 )
 def test_what_cannot_be_read_is_named(written, old, new, message):

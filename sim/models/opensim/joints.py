@@ -289,7 +289,7 @@ def _couplers(
     model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
 ) -> dict[str, tuple[str, Curve]]:
     """Leaders and functions of the coordinates that constraints make dependent, by name."""
-    couplers = {}
+    couplers = dict[str, tuple[str, Curve]]()
     for element in (each for each in enforced(model, ignore) if each.tag not in CLOSING):
         if element.tag != "CoordinateCouplerConstraint":
             raise ModelError(
@@ -302,6 +302,11 @@ def _couplers(
             raise ModelError(
                 f"{label(element)} makes one coordinate of the model depend on one other, got '{follower}' on "
                 f"'{' '.join(leaders)}'."
+            )
+        if follower in couplers:
+            raise ModelError(
+                f"{label(element)} makes '{follower}' depend on '{leaders[0]}', another constraint on "
+                f"'{couplers[follower][0]}'; leave one out with --ignore."
             )
         function = _coupling(element).scaled(number(element, "scale_factor", "1"))
         couplers[follower] = leaders[0], function
@@ -356,8 +361,7 @@ def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Col
                 f"--ignore {element.get('name')} (in Python, ignore=['{element.get('name')}'])."
             )
         if all(inside):
-            ends = (bodies[0], bodies[1]), (poses[0], poses[1])
-            out.append(Coincidence(str(element.get("name")), *ends, whole=element.tag == WELD))
+            out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
     if out:
         note(f"By {', '.join(each.name for each in out)}, joints without a column follow from the others.")
     return out
