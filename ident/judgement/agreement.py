@@ -20,6 +20,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.noise import unit_of
 from ident.geometry.inertia import with_bodies
 from ident.regression.ordinary import Fit
+from ident.tolerances import SIGNIFICANT
 from ident.trajectory import left_out
 from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
 from ident.trajectory.result import TrajectoryEstimate
@@ -80,6 +81,23 @@ def widening(disagreement: float | None) -> float:
     and 4: it costs 7 % of width where nothing is wrong.
     """
     return max(1.0, disagreement or 0.0)
+
+
+def widenings(joint: TrajectoryEstimate, wider: float) -> np.ndarray:
+    """Factors on the standard deviations of all columns from the noise (m,).
+
+    Halves of a parameter that differ beyond chance widen it by their own difference, if that is more: a moment that
+    drifts moves the first moment of a base at rest and nothing else.
+
+    Args:
+        joint: The estimate.
+        wider: Factor for the other parameters, from `widening`.
+    """
+    z, out = differences(joint), np.full(len(joint.measurement.equations.names), wider)
+    if z is not None:
+        beyond = -special.ndtri(SIGNIFICANT / 2 / len(z))
+        out[: len(z)] = np.where(np.abs(z) > max(beyond, wider), np.abs(z), wider)
+    return out
 
 
 def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:
