@@ -67,12 +67,6 @@ def differences(joint: TrajectoryEstimate) -> np.ndarray | None:
     return np.asarray((steps[0] - steps[1]) / np.sqrt(np.diag(covariances[0] + covariances[1])))
 
 
-def disagreement(joint: TrajectoryEstimate) -> float | None:
-    """Root mean square z of the `differences` between two halves; None if a half does not determine the parameters."""
-    z = differences(joint)
-    return None if z is None else float(np.sqrt((z**2).mean()))
-
-
 def widening(disagreement: float | None) -> float:
     """Factor on the standard deviations from the noise, max(1, z), for halves that differ by z; 1 without halves.
 
@@ -83,17 +77,18 @@ def widening(disagreement: float | None) -> float:
     return max(1.0, disagreement or 0.0)
 
 
-def widenings(joint: TrajectoryEstimate, wider: float) -> np.ndarray:
-    """Factors on the standard deviations of all columns from the noise (m,).
+def widenings(z: np.ndarray | None, wider: float, columns: int) -> np.ndarray:
+    """Factors on the standard deviations of columns from the noise (m,).
 
     Halves of a parameter that differ beyond chance widen it by their own difference, if that is more: a moment that
     drifts moves the first moment of a base at rest and nothing else.
 
     Args:
-        joint: The estimate.
-        wider: Factor for the other parameters, from `widening`.
+        z: Differences of the first ones, the base parameters, as from `differences` (r,); None without halves.
+        wider: Factor for the others, from `widening`.
+        columns: Number m of columns.
     """
-    z, out = differences(joint), np.full(len(joint.measurement.equations.names), wider)
+    out = np.full(columns, wider)
     if z is not None:
         beyond = -special.ndtri(SIGNIFICANT / 2 / len(z))
         out[: len(z)] = np.where(np.abs(z) > max(beyond, wider), np.abs(z), wider)
