@@ -13,7 +13,7 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
 from ident.estimation.separation import excited, separable, undetermined
 from ident.estimators.predictions import Candidate, Predictions
-from ident.judgement.agreement import disagreement, disagreements, widening, without
+from ident.judgement.agreement import differences, disagreements, widening, widenings, without
 from ident.judgement.checks import wrench_checks
 from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import beyond_fast_noise
@@ -57,7 +57,8 @@ def trajectory(problem: Problem) -> Estimate:
         report=problem.report,
     )
     result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
-    rms = disagreement(result)
+    halves = differences(result)
+    rms = None if halves is None else float(np.sqrt((halves**2).mean()))
     wider = widening(rms)
     predictions = Predictions(problem, result)
     first = predictions.logs[0].equations(result)
@@ -70,7 +71,7 @@ def trajectory(problem: Problem) -> Estimate:
         part.of(log.corrected(result, usual, part.samples))
         for log, part in zip(predictions.logs, problem.fitted, strict=True)
     ]
-    fit = as_fit(result, joined([part.used for part in logs]), first, wider)
+    fit = as_fit(result, joined([part.used for part in logs]), first, widenings(halves, wider, len(first.names)))
     filtered = _least_squares(problem, with_offsets, result)
     others = {
         LEAST_SQUARES: Candidate(with_offsets, filtered.values),

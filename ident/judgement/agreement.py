@@ -20,6 +20,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.noise import unit_of
 from ident.geometry.inertia import with_bodies
 from ident.regression.ordinary import Fit
+from ident.tolerances import SIGNIFICANT
 from ident.trajectory import left_out
 from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
 from ident.trajectory.result import TrajectoryEstimate
@@ -66,12 +67,6 @@ def differences(joint: TrajectoryEstimate) -> np.ndarray | None:
     return np.asarray((steps[0] - steps[1]) / np.sqrt(np.diag(covariances[0] + covariances[1])))
 
 
-def disagreement(joint: TrajectoryEstimate) -> float | None:
-    """Root mean square z of the `differences` between two halves; None if a half does not determine the parameters."""
-    z = differences(joint)
-    return None if z is None else float(np.sqrt((z**2).mean()))
-
-
 def widening(disagreement: float | None) -> float:
     """Factor on the standard deviations from the noise, max(1, z), for halves that differ by z; 1 without halves.
 
@@ -80,6 +75,24 @@ def widening(disagreement: float | None) -> float:
     and 4: it costs 7 % of width where nothing is wrong.
     """
     return max(1.0, disagreement or 0.0)
+
+
+def widenings(z: np.ndarray | None, wider: float, columns: int) -> np.ndarray:
+    """Factors on the standard deviations of columns from the noise (m,).
+
+    Halves of a parameter that differ beyond chance widen it by their own difference, if that is more: a moment that
+    drifts moves the first moment of a base at rest and nothing else.
+
+    Args:
+        z: Differences of the first ones, the base parameters, as from `differences` (r,); None without halves.
+        wider: Factor for the others, from `widening`.
+        columns: Number m of columns.
+    """
+    out = np.full(columns, wider)
+    if z is not None:
+        beyond = -special.ndtri(SIGNIFICANT / 2 / len(z))
+        out[: len(z)] = np.where(np.abs(z) > max(beyond, wider), np.abs(z), wider)
+    return out
 
 
 def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:

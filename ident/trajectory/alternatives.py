@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
@@ -63,10 +63,7 @@ def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
     parts = [fit.shares[estimate.pieces_of(k)] for k in range(1, len(estimate.counts))]
     every = [(np.sum([H for H, _ in part], axis=0), np.sum([g for _, g in part], axis=0)) for part in parts]
     across = np.hstack([H[np.ix_(free, mine)] for H, _ in every])
-    alone = np.zeros((across.shape[1], across.shape[1]))
-    for k, (H, _) in enumerate(every):
-        own = slice(k * len(mine), (k + 1) * len(mine))
-        alone[own, own] = H[np.ix_(mine, mine)]
+    alone = linalg.block_diag(*(H[np.ix_(mine, mine)] for H, _ in every))
     score = np.concatenate([g[mine] for _, g in every])
     S = alone - across.T @ inverse_of_precision(fit.precision[np.ix_(free, free)]) @ across
     size = np.sqrt(np.maximum(np.diag(S), 1e-300))

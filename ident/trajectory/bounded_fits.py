@@ -82,7 +82,7 @@ def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds:
         The fit; its covariances are those without the condition, which adds little information where noise alone
         violates it.
     """
-    mechanism, rank = equations.mechanism, equations.parameters.rank
+    mechanism, parameters, rank = equations.mechanism, equations.parameters, equations.parameters.rank
     absorbed = equations.from_drives[:rank]
     is_psi = np.arange(len(fit.theta)) < rank
     held = fit
@@ -92,11 +92,7 @@ def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds:
         inverse = inverse_of_precision(held.precision[np.ix_(fit.free, fit.free)])
         wanted = held.theta[fit.free] + inverse @ held.gradient[fit.free]
         bodies = consistent_parameters(
-            wanted[:rank] - absorbed,
-            inverse[:rank, :rank],
-            equations.parameters,
-            mechanism.known,
-            bodies=mechanism.bodies,
+            wanted[:rank] - absorbed, inverse[:rank, :rank], parameters, mechanism.known, bodies=mechanism.bodies
         )
         psi = bodies.psi + absorbed
         step = np.abs(psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])

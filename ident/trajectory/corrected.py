@@ -158,17 +158,17 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
     return (measured - offsets) / measurement.torque_gains(theta) + offsets
 
 
-def as_fit(estimate: TrajectoryEstimate, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:
+def as_fit(estimate: TrajectoryEstimate, samples: Samples, equations: Equations, widening: np.ndarray) -> Fit:
     """Trajectory estimate's parameters as a fit of linear equations at its own trajectory.
 
     Args:
         estimate: The trajectory estimate.
         samples: Corrected samples.
         equations: Corrected equations.
-        widening: Factor on the standard deviations.
+        widening: Factors on the standard deviations of the columns (m,).
     """
     m, fit = len(equations.names), estimate.fit
-    covariance = widening**2 * fit.covariance[:m, :m]
+    covariance = np.outer(widening, widening) * fit.covariance[:m, :m]
     out = Fit(
         equations=equations,
         values=fit.theta[:m],

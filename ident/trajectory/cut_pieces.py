@@ -126,8 +126,10 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
             # The mean over the time that each is held, but for the half sample, which is in `Piece.held`.
             own[1:-1] += np.diff(own, 2) / 24
         elif servo:
-            # Channels share their times here, so that the half sample of a held command is in its values.
+            # Channels share their times here, so that the half sample of a held command is in its values. Within
+            # samples, angles whose acceleration jumps are off their spline.
             own = (own + np.append(own[:1], own[:-1])) / 2
+            own[1:-1] -= np.diff(own, 2) / 12
         parts.append(Sampled(stream.time, own))
     missing = Sampled(recording.time, np.full((len(recording.time), WIDTH + REFERENCES), np.nan))
     poses = [measured_poses(recording, x) if x in recording.trackers else missing for x in measurement.tracked]

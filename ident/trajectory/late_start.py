@@ -59,10 +59,8 @@ def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float
         out = []
         for delay in delays.tolist():
             theta = np.where(np.arange(len(fit.theta)) == at, delay, fit.theta)
-            parts = [
-                compared(measurement, piece, motion, theta[chosen], share)
-                for (piece, chosen), motion in zip(own, motions, strict=True)
-            ]
+            each = zip(own, motions, strict=True)
+            parts = [compared(measurement, piece, motion, theta[chosen], share) for (piece, chosen), motion in each]
             residuals, columns = zip(*parts, strict=True)
             out.append((np.concatenate(residuals), np.concatenate(columns)))
         least = max(REMAINING * len(out[number][0]), len(measurement.equations.names))

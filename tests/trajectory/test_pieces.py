@@ -1,16 +1,21 @@
 """The trajectory estimate uses samples at their own times: other rates, jitter, missing samples, gaps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
+from scipy.linalg import expm
 from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
 
 import ident
 from ident.estimation.preparation import Part, prepared
+from ident.recordings.stated import Servo
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.angles_alone import UNSETTLED, smoothed
+from ident.trajectory.cut_pieces import _channels
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 
@@ -127,3 +132,23 @@ def test_either_side_of_a_gap_is_smoothed_by_itself():
     inside = (between < 2.99) | ((between > 6.4) & (between < 9.99))
     np.testing.assert_array_equal(whole.settled(between), inside & ~near)
     assert abs(whole.evaluate(time[300:640])[0]).max() < 1.2
+
+
+def test_held_commands_beside_a_wrench_are_the_torque_of_the_inertia():
+    """Of a joint whose commands have a constant acceleration, held for a sample each, in the steady state."""
+    inertia, servo, wanted, step = 0.28, Servo(700.0, 28.0), 2.0, 0.005
+    time = step * np.arange(400)
+    u, state = wanted * time**2 / 2, np.zeros(2)
+    after, q = expm(step * np.array([[0.0, 1.0], [-servo.kp / inertia, -servo.kv / inertia]])), []
+    for each in u:
+        q.append(state[0])
+        state = [each, 0] + after @ (state - [each, 0])
+    log = ident.Recording(time, {"hip_position": np.array(q), "hip_command": u}, servos={"hip": servo})
+    tree = SimpleNamespace(bodies=[SimpleNamespace(joint="hip", freedoms=1)])
+    beside = SimpleNamespace(torques=(0,), servos=(np.array([servo.kp]), np.array([servo.kv])))
+    measurement = SimpleNamespace(equations=beside, components=(0,), contacts=(), frame=None, tracked=(), width=2)
+    usable = SimpleNamespace(
+        recording=log, mechanism=SimpleNamespace(tree=tree), usable=lambda t: np.ones(len(t), bool)
+    )
+    torque = _channels(usable, measurement)[0].values[:, 1] - servo.kp * np.array(q) - servo.kv * np.gradient(q, time)
+    np.testing.assert_allclose(torque[200:-2], inertia * wanted, rtol=2e-3)

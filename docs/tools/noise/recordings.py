@@ -177,8 +177,9 @@ def _drawn_motion(
 def _commanded(subject: str, desired: DesiredMotion, samples: int, rate: float) -> Recording:
     """A recording of servos that hold the command of each sample, by MuJoCo.
 
-    Accelerations jump with the commands, so that the wrench is averaged over a step before and a step after each
-    sample. With Euler's method, servos would lag behind by half a step.
+    Accelerations jump with the commands and fall until the next one. So the wrench is averaged over the two samples
+    about each instant, with weights that fall linearly to zero, as the second differences of the angles are. With
+    Euler's method, servos would lag behind by half a step.
     """
     spec, arm = scenes.load(SUBJECTS[subject].scene), SUBJECTS[subject].mechanism
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -189,13 +190,18 @@ def _commanded(subject: str, desired: DesiredMotion, samples: int, rate: float) 
     commands = driven.commands(time, motion)
     qpos, qvel = model.qpos0[None].copy(), np.zeros((1, model.nv))
     qpos[:, driven.qpos], qvel[:, driven.dof] = motion.q[0], motion.dq[0]
-    instants = (steps * (lead + np.arange(samples))[:, None] + [-1, 0, 1]).ravel()
+    around = np.arange(-steps, steps + 1)
+    instants = (steps * (lead + np.arange(samples))[:, None] + around).ravel()
     read = play(model, qpos, qvel, commands.repeat(steps, axis=0)[None], instants).sensordata[0]
-    before, at, after = read.reshape(samples, 3, -1).swapaxes(0, 1)
+    read = read.reshape(samples, len(around), -1)
+    # At the jump, values of both sides are extrapolated from those of two steps.
+    weights = 1 - abs(around) / steps
+    weights[steps - 2 : steps + 3] += [-0.5, 1, -1, 1, -0.5]
+    at, averaged = read[:, steps], np.einsum("nac,a->nc", read, weights / steps)
     channels = {f"{joint}_command": u[lead:-1] for joint, u in zip(arm.tree.joints, commands.T, strict=True)}
     for each in sensors(model):
         part = each.part.start if each.is_scalar else each.part
-        channels[each.name] = (before + after)[:, part] / 2 if each.name in GROUND else at[:, part]
+        channels[each.name] = averaged[:, part] if each.name in GROUND else at[:, part]
     stated = {joint: model_servo(arm, joint) for joint in arm.tree.joints}
     own = {joint: servo for joint, servo in stated.items() if servo is not None}
     return Recording(time[lead:-1], channels, true=channels, servos=own)
