@@ -244,7 +244,7 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
     x, *places = np.linalg.lstsq(np.concatenate(columns), np.concatenate(right), rcond=None)[0].reshape(-1, 3)
     for (name, tracker), (X, Y), (R, S), place in zip(trackers.items(), stated, turns, places, strict=True):
         frame, markers = inverse(pose(R, x) if X is None else X), pose(S, place) if Y is None else Y
-        out[name] = Tracked(tree.names.index(tracker.body), frame, markers, TRACKER if X is None else f"no {TRACKER}")
+        out[name] = Tracked(tree.names.index(tracker.body), frame, markers, TRACKER if X is None else "a stated frame")
     return out
 
 
