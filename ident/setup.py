@@ -217,7 +217,7 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "With centre = 0 under [setup] they are those that fit the model's place.",
+        "At the model's place none act alike in all postures; those that fit best come with centre = 0 under [setup].",
     ),
     "tracker_delay": SetupKind(
         std=0.05,

@@ -14,7 +14,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters.person_prior import without_side
 from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
-from ident.setup import PRIORS, SETUP, SetupKind
+from ident.setup import SETUP, SetupKind
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -92,7 +92,7 @@ class Subject(NamedTuple):
         std: Standard deviation of its own, by default the kind's.
         links: `SetupParameter.link` by axis.
         together: `SetupParameter.together` by axis.
-        constant: As for `SetupParameter`; its standard deviation is `UNKNOWN` whatever is stated.
+        constant: Standard deviation of a constant that nobody knows, whatever is stated; zero for an error.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Subject(NamedTuple):
     std: float | None = None
     links: Mapping[int | None, str] = MappingProxyType({})
     together: Mapping[int | None, Mapping[str, float]] = MappingProxyType({})
-    constant: bool = False
+    constant: float = 0.0
 
 
 def setup_parameters(
@@ -134,22 +134,17 @@ def setup_parameters(
             place=subject.place,
             link=subject.links.get(axis, ""),
             calibrated=row.of == CLOCKS or (subject.name in carrying and row.of in OF_JOINTS),
-            constant=subject.constant,
+            constant=subject.constant > 0,
             together=subject.together.get(axis, {}),
         )
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
-        if row.of == group and (own := _std(kind, subject, given)) > 0
+        if row.of == group
+        and (own := subject.constant or given.get(f"{kind}({subject.name})", given.get(kind, subject.std or row.std)))
+        > 0
         for axis in subject.axes
     )
-
-
-def _std(kind: str, subject: Subject, given: Mapping[str, float]) -> float:
-    """Standard deviation of a kind of error of an object, by what is given for the object, for the kind, or neither."""
-    if subject.constant:
-        return UNKNOWN
-    return given.get(f"{kind}({subject.name})", given.get(kind, subject.std or PRIORS[kind]))
 
 
 def objects(
@@ -175,7 +170,8 @@ def objects(
     together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
     commanded = [name for k, name in enumerate(equations.channels) if k not in equations.sensed]
-    scales = equations.scaled
+    scales, tracker = equations.scaled, [TRACKER] * any(each.frame is None for each in trackers.values())
+    unknown = tracker + [MARKERS.format(name) for name, each in trackers.items() if each.markers is None]
     hinges = [i for i, body in enumerate(tree.bodies) if body.coordinates and body.turns]
     # A tilted axis would open its loop.
     loops = tree.closure.part.names if tree.closure else ()
@@ -183,7 +179,7 @@ def objects(
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
         "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
         "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)]
-        + [Subject(name, range(3), {}, constant=True) for name in unknown_frames(trackers)],
+        + [Subject(name, range(3), {}, constant=UNKNOWN) for name in unknown],
         "channels": [
             Subject(name, (None,), {"channels": (name,)}) for name in channels if name not in (*commanded, *scales)
         ]
@@ -215,12 +211,6 @@ UNKNOWN = 1.0
 
 TRACKER, MARKERS = "the tracker", "markers of '{}'"
 """Names of the frames of a tracker and of the markers of a tracked body."""
-
-
-def unknown_frames(trackers: Mapping[str, Tracker]) -> list[str]:
-    """Names of the frames of tracked bodies that are not stated."""
-    own = [MARKERS.format(name) for name, each in trackers.items() if each.markers is None]
-    return [TRACKER] * any(each.frame is None for each in trackers.values()) + own
 
 
 def _axis(tree: Tree, i: int) -> Subject:
