@@ -1,4 +1,7 @@
-"""Search for set-up errors and further friction, one by one, and for those of a group that explain nothing alone."""
+"""Search for set-up errors and further friction, one by one, and for those of a group that explain nothing alone.
+
+A group is tested by the step in its direction d: |d · θ| over its standard deviation.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -86,15 +89,24 @@ class Step(NamedTuple):
 
     Attributes:
         fit: The fit before, its prior wider for an error beyond what is stated.
-        own: Mask of the parameters (p,).
-        theta: Their likely values, and those of the others as before (p,).
+        direction: Direction in which they change (p,).
+        size: Likely change.
         deviations: What they are, without drives.
     """
 
     fit: TrajectoryFit
-    own: np.ndarray
-    theta: np.ndarray
+    direction: np.ndarray
+    size: float
     deviations: tuple[Deviation, ...]
+
+    def taken(self, refit: Refit) -> TrajectoryFit:
+        """Fit with these parameters."""
+        return _fit_from(self.fit, refit, self.direction != 0, self.fit.theta + self.size * self.direction)
+
+    def is_significant(self, fit: TrajectoryFit, threshold: float) -> bool:
+        """True if they change in a fit by more than a number of its standard deviations."""
+        std = np.sqrt(self.direction @ fit.covariance @ self.direction)
+        return bool(abs(self.direction @ fit.theta) > threshold * std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +153,7 @@ class Candidates:
         names = tuple(name for name, also in zip(together, explain, strict=True) if also)
         own = beyond[beyond == index]
         found = (Deviation(index, tuple(left[alike].tolist()), names, len(own) > 0),) * bool(self.setup[index])
-        return Step(_loosened(fit, own, self.gross), unit[index] > 0, fit.theta + values[best] * unit[index], found)
+        return Step(_loosened(fit, own, self.gross), unit[index], values[best], found)
 
     def together(self, fit: TrajectoryFit) -> Step | None:
         """The group that explains most, as tilts of parallel axes, of which none may explain anything alone."""
@@ -149,8 +161,8 @@ class Candidates:
         values, z = self._promising(fit, directions)
         if not z.any():
             return None
-        step = values[z.argmax()] * directions[z.argmax()]
-        return Step(fit, step != 0, fit.theta + step, tuple(Deviation(k, ()) for k in np.flatnonzero(step).tolist()))
+        best = directions[z.argmax()]
+        return Step(fit, best, values[z.argmax()], tuple(Deviation(k, ()) for k in np.flatnonzero(best).tolist()))
 
     def _open_groups(self, fit: TrajectoryFit) -> tuple[list[str], np.ndarray]:
         """Descriptions and directions (k, p) of the groups of which nothing was fitted."""
@@ -199,7 +211,7 @@ def searched(
     fitted, deviations = first.fit, first.deviations
     drives = np.zeros_like(candidates) if drives is None else drives
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum(), 1)))
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
     known = _known(fitted)
     least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
     every = Candidates(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
@@ -207,10 +219,10 @@ def searched(
         if (step := every.alone(fitted) or every.together(fitted)) is None:
             break
         try:
-            tried = _fit_from(step.fit, refit, step.own, step.theta)
+            tried = step.taken(refit)
         except ExcitationError:
             return incredible()
-        if not (np.abs(tried.theta) > threshold * np.sqrt(np.diag(tried.covariance)))[step.own].any():
+        if not step.is_significant(tried, threshold):
             break
         if (np.abs(tried.theta) > INCREDIBLE * _known(tried))[candidates].any():
             return incredible()
