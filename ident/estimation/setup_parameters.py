@@ -223,7 +223,7 @@ def _axis(tree: Tree, i: int) -> Subject:
     axes, w = across(body.twist[3:]), body.twist[3:]
     t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*axes}
     tilts = t - np.outer(w / w[c], t[c])
-    together = {
+    together: dict[int | None, Mapping[str, float]] = {
         k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > PARALLEL} for k in axes
     }
     return Subject(body.joint, axes, {"joints": (body.joint,)}, together=together)

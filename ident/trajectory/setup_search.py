@@ -152,8 +152,8 @@ class Candidates:
         explain = np.abs(np.divide(*working.scores(directions))) > close
         names = tuple(name for name, also in zip(together, explain, strict=True) if also)
         own = beyond[beyond == index]
-        found = (Deviation(index, tuple(left[alike].tolist()), names, len(own) > 0),) * bool(self.setup[index])
-        return Step(_loosened(fit, own, self.gross), unit[index], values[best], found)
+        deviation = Deviation(index, tuple(left[alike].tolist()), names, len(own) > 0)
+        return Step(_loosened(fit, own, self.gross), unit[index], values[best], (deviation,) * bool(self.setup[index]))
 
     def together(self, fit: TrajectoryFit) -> Step | None:
         """The group that explains most, as tilts of parallel axes, of which none may explain anything alone."""
