@@ -184,9 +184,13 @@ class Measurement:
 
     def is_displaced(self, theta: np.ndarray) -> bool:
         """True if ψ was regrouped for other joints, or for another gravity, than θ has."""
-        # On a moving base, gravity does not change how φ is regrouped.
+        return any(theta[at] for at in self._regrouping)
+
+    @cached_property
+    def _regrouping(self) -> list[int]:
+        """Indices in θ of what changes how φ is regrouped; on a moving base, gravity does not."""
         kinds = ("axis", "centre") if self.of_base else ("axis", "centre", "gravity")
-        return any(theta[at] for at, each in self.setup_at.items() if each.kind in kinds)
+        return [at for at, each in self.setup_at.items() if each.kind in kinds]
 
     def _derivatives(
         self, recorded: tuple[Program, np.ndarray], inputs: tuple[np.ndarray, ...], columns: np.ndarray
@@ -241,7 +245,8 @@ class Measurement:
 
     @cached_property
     def _unseen(self) -> tuple[np.ndarray, np.ndarray]:
-        return loads.unseen(self.equations)
+        of_model, changes = loads.unseen(self.equations)
+        return of_model, changes if self._regrouping else 0 * changes
 
     def unseen(self, theta: np.ndarray) -> np.ndarray:
         """Likeliest dependent entries of φ (d,)."""
