@@ -110,7 +110,7 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class SearchSpace:
     """Parameters that may be freed.
 
     Attributes:
@@ -214,7 +214,7 @@ def searched(
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
     known = _known(fitted)
     least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
-    every = Candidates(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
+    every = SearchSpace(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
     while fitted.free.sum() - first.fit.free.sum() < MOST_DEVIATIONS and fitted.status != "interrupted":
         if (step := every.alone(fitted) or every.together(fitted)) is None:
             break
