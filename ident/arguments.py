@@ -113,11 +113,10 @@ def checked_by_joint(
     """
     if not isinstance(given, Mapping):
         return given, {}
-    single = {name: x for name, x in given.items() if str(name).startswith(f"{kind}(")}
-    by_joint = {name[len(kind) + 1 : -1]: x for name, x in single.items()}
-    if is_table := isinstance(given.get(kind), Mapping):
-        by_joint |= given[kind]
-    others = {name: x for name, x in given.items() if name not in single and not (is_table and name == kind)}
+    others = {name: x for name, x in given.items() if not str(name).startswith(f"{kind}(")}
+    by_joint = {name[len(kind) + 1 : -1]: x for name, x in given.items() if name not in others}
+    if isinstance(others.get(kind), Mapping):
+        by_joint |= others.pop(kind)
     checked = checked_deviations(f"{where}.{kind}", by_joint, joints, error)
     return others, {f"{kind}({joint})": std for joint, std in checked.items()}
 

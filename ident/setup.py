@@ -58,8 +58,8 @@ class SetupKind:
         short: Template of a few words, for an error that the data cannot distinguish from another one.
         label: Template of its label in the table of a payload's sensor.
         note: What else follows from the error, in a sentence.
-        together: Template of the cause that changes the parameters of all objects along one axis alike, which the data
-            may not be able to distinguish from another error; empty for none.
+        together: Template of a cause that changes several parameters, which the data may not be able to distinguish
+            from another error, and which is tried where no parameter alone explains anything; empty for none.
         shift: Shift of the samples' true times; None if the error acts on something else.
         own: True if each of several recordings may have its own.
         far: True if values beyond the reach of a local search are tried first.
@@ -69,7 +69,6 @@ class SetupKind:
         common: True if the channels of one instrument, a wrench or all joint torques, also share an error that is as
             uncertain as each one's own, as of an amplifier or of a calibration weight.
         stated: True if it is estimated wherever a standard deviation is stated, and nowhere searched for.
-        constant: True if it is a constant that nobody knows, which is always estimated and no error.
     """
 
     std: float
@@ -89,7 +88,6 @@ class SetupKind:
     weighs: bool = False
     common: bool = False
     stated: bool = False
-    constant: bool = False
 
 
 def _later(elapsed: "np.ndarray") -> "np.ndarray":
@@ -205,7 +203,7 @@ SETUP: Mapping[str, SetupKind] = {
         sentence="The axis of joint '{of}' is tilted by {size} about {sign}{axis} of its body's frame",
         short="a tilt of the axis of joint '{of}' about {axis}",
         label="tilt of the axis of joint {of} about {axis}",
-        together="a turn of all joint axes about {axis}",
+        together="a turn of all joint axes about {}",
     ),
     "centre": SetupKind(
         std=0.001,
@@ -217,8 +215,9 @@ SETUP: Mapping[str, SetupKind] = {
         along=("farther from the joint '{link}'", "nearer to the joint '{link}'"),
         short="another place of joint '{of}' along {axis} of its parent's frame",
         label="shift of joint {of} along {axis} of its parent's frame",
+        together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "With centre = 0 under [setup] they are those that fit the model's place.",
+        "At the model's place none act alike in all postures; those that fit best come with centre = 0 under [setup].",
     ),
     "tracker_delay": SetupKind(
         std=0.05,
@@ -230,24 +229,6 @@ SETUP: Mapping[str, SetupKind] = {
         label="delay of the poses of tracked bodies",
         shift=_later,
         own=True,
-    ),
-    "tracker_origin": SetupKind(
-        std=1.0,
-        unit=LENGTH,
-        of="trackers",
-        sentence="The frame of the {of} is {size} further along {sign}{axis} than where it was aligned",
-        short="another place of the {of} along {axis}",
-        label="shift of the {of} along {axis}",
-        constant=True,
-    ),
-    "tracker_rotation": SetupKind(
-        std=1.0,
-        unit=ANGLE,
-        of="trackers",
-        sentence="The frame of the {of} is turned by {size} about {sign}{axis} from where it was aligned",
-        short="a turn of the {of} about {axis}",
-        label="turn of the {of} about {axis}",
-        constant=True,
     ),
 }
 """Every kind of set-up error by its name, in the order of the parameters."""

@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
+from ident.estimation.equations import Equations
 from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
 from ident.judgement.finding import Place, place_of, sentence, setup_findings
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 from ident.recordings.mapping import DEVIATIONS
 from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation
+from ident.trajectory.stages import _groups
 
 WORDED = {
     ("delay", "ground", None): ("The wrench 'ground' is 30.00 ± 0.10 ms late", "a delay of the wrench 'ground'"),
@@ -86,6 +91,36 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
     assert {place for name, place in places.items() if name.startswith("gravity")} == {Place()}
     alone = setup_parameters(m.equations, ["left", "right"], held=False)[0]
     assert place_of(alone) == Place(wrenches=("left", "right"))
+
+
+def test_a_common_turn_of_all_axes_is_about_an_axis_of_the_base_frame():
+    m = random_measurement(np.random.default_rng(0), 4, ("revolute",))
+    groups = _groups(m.setup_at, len(m.names))
+    home = m.tree.poses(np.zeros(m.tree.size))[:, :3, :3]
+    for name, direction in zip("xyz", np.eye(3), strict=True):
+        turned = m.corrected_tree(1e-6 * groups[f"a turn of all joint axes about {name}"])
+        for R, before, after in zip(home, m.tree.bodies, turned.bodies, strict=True):
+            axis, other = R @ before.twist[3:], R @ after.twist[3:]
+            np.testing.assert_allclose(other - axis, 1e-6 * np.cross(direction, axis), atol=1e-11)
+
+
+@pytest.mark.parametrize("left", ["l", "left", "other"])
+def test_links_of_both_sides_are_longer_alike(left):
+    bodies = [Body("pelvis", -1, np.eye(4), np.eye(6)[3], "root")]
+    for side, y in (("r", -0.1), (left, 0.1)):
+        for joint, parent, place in ((f"hip_{side}", 0, [0, y, 0]), (f"knee_{side}", len(bodies), [0, 0, -0.4])):
+            home = np.eye(4)
+            home[:3, 3] = place
+            bodies.append(Body(f"below_{joint}", parent, home, np.eye(6)[4], joint))
+    setup = setup_parameters(Equations.of_wrench(Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))), ())
+    shares = {name: own for name, own in _groups(dict(enumerate(setup)), len(setup)).items() if "length" in name}
+    named = {name: {setup[k].name: own[k] for k in np.flatnonzero(own)} for name, own in shares.items()}
+    hips, knees = (
+        {"centre_y(hip_r)": -1, f"centre_y(hip_{left})": 1},
+        dict.fromkeys(["centre_z(knee_r)", f"centre_z(knee_{left})"], -1),
+    )
+    alike = {"root to hip": hips, "hip to knee": knees} if left != "other" else {}
+    assert named == {f"another length of every link from {ends}": own for ends, own in alike.items()}
 
 
 def test_columns_files_and_arguments_take_every_kind():

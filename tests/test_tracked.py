@@ -142,6 +142,19 @@ def test_stated_frames_are_kept_and_several_bodies_share_an_unknown_one():
             np.testing.assert_allclose(found[name].markers[:3, 3], place, atol=1e-6)
 
 
+def test_unknown_frames_are_aligned_to_the_noise_where_bodies_hardly_turn():
+    rng, time = np.random.default_rng(3), np.arange(200) / 50
+    states = [0.05 * x for x in motion(rng, time)]
+    _, positions, orientations, _ = in_mujoco(states)
+    orientations *= Rotation.from_rotvec(1e-3 * rng.normal(size=(200, 3)))
+    measured = {"flange_position": positions, "flange_orientation": orientations.as_quat(scalar_first=True)}
+    recording = ident.Recording(time, measured, trackers={"flange": Tracker("b4")})
+    (flange,) = aligned(mechanism(), recording, Motion(*states)).values()
+    poses = np.linalg.inv(flange.frame) @ mechanism().tree.poses(states[0])[:, -1] @ flange.markers
+    errors = (orientations.inv() * Rotation.from_matrix(poses[:, :3, :3])).magnitude()
+    assert np.sqrt((errors**2).mean()) < 2e-3 and abs(poses[:, :3, 3] - positions).max() < 1e-3
+
+
 def test_a_tracked_flange_calibrates_the_arm_within_the_estimate():
     recording, shifts, zeros = recorded(displaced=1e-3, zeros=np.radians(0.5))
     estimate = identified(recording)

@@ -78,13 +78,11 @@ figure.legend(loc="outside lower center", ncols=2)
 
 arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
 rng, time, stated = np.random.default_rng(5), np.arange(600) / 100, 2e-3
-moved, true = list(arm.tree.bodies), {}
-for k in range(2, 5):
-    home, shift = moved[k].home.copy(), stated * rng.normal(size=3)
-    home[:3, 3] += shift
-    moved[k] = replace(moved[k], home=home)
-    true |= {f"centre_{axis}({moved[k].joint})": x for axis, x in zip("xyz", shift, strict=True)}
-tree = replace(arm.tree, bodies=tuple(moved))
+shifts, bodies = stated * rng.normal(size=(3, 3)), list(arm.tree.bodies)
+for k, shift in enumerate(shifts, 2):
+    home = bodies[k].home + np.pad(shift[:, None], ((0, 1), (3, 0)))
+    bodies[k] = replace(bodies[k], home=home)
+tree = replace(arm.tree, bodies=tuple(bodies))
 
 pulsation, phase = 2 * np.pi * 0.2 * np.arange(1, 6), rng.uniform(0, 6.3, (4, 5))
 waves = [np.exp(1j * (pulsation * time[:, None, None] + phase)) * (1j * pulsation) ** d for d in range(3)]
@@ -99,10 +97,10 @@ measured |= {"tool_orientation": turned.as_quat(scalar_first=True)}
 recording = mc.Recording(time, measured, trackers={"tool": Tracker("tool")})
 fit = mc.identify(arm, recording, drive=[], known=False, setup={"centre": stated, "axis": 0, "zero": 0}).trajectory.fit
 
-names = list(true)[::-1]
+names = [f"centre_{axis}({body.joint})" for body in bodies[2:5] for axis in "xyz"]
 at = [fit.names.index(name) for name in names]
-value, std = fit.theta[at], np.sqrt(np.diag(fit.covariance)[at])
-inside = np.abs(value - [true[name] for name in names]) < 1.96 * std
+value, std, true = fit.theta[at], np.sqrt(np.diag(fit.covariance)[at]), shifts.ravel()
+inside = np.abs(value - true) < 1.96 * std
 print(f"{inside.sum()} of {len(names)} intervals contain the truth, {np.sum(std < 1e-4)} known to 0.1 mm")
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
@@ -110,10 +108,11 @@ figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
 rows, factor, half = np.arange(len(names)), 1e3, 1.96 * 1e3 * stated
 panel.barh(rows, 2 * half, left=-half, height=0.6, color="0.92", label="95 % as stated")
 panel.errorbar(factor * value, rows, xerr=1.96 * factor * std, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
-panel.plot([factor * true[name] for name in names], rows, "x", color="C1", mew=2, zorder=3, label="truth")
+panel.plot(factor * true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
 lengths = {"centre_x(elbow)": "length of the upper arm", "centre_x(wrist)": "length of the forearm"}
 panel.set_yticks(rows, [lengths.get(name, name[7:].replace("(", " of ").rstrip(")")) for name in names])
 panel.set(xlabel="displacement along an axis of the parent's frame (mm)", xlim=(-1.2 * half, 1.2 * half))
+panel.invert_yaxis()
 figure.legend(loc="outside lower center", ncols=3)
 
 # ## Friction at reversals

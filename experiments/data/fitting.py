@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.errors import ExcitationError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import prepared
@@ -213,10 +214,14 @@ def searched_axes(
     """Joint axes as the trajectory estimate tilts them; those that may be parallel get a common direction.
 
     Arguments and errors are those of `trajectory_estimate`, and the significance of `with_axes`.
+
+    Raises:
+        ExcitationError: No tilt is found, also where tilts would be beyond what a set-up error can be.
     """
     check_revolute(mechanism.tree)
     estimate = trajectory_estimate(mechanism, recording, base, searched=True)
-    assert estimate.trajectory is not None
+    if estimate.trajectory is None or not estimate.setup:
+        raise ExcitationError("No tilt of the joint axes is found.")
     measurement, fit = estimate.trajectory.measurement, estimate.trajectory.fit
     tree = measurement.corrected_tree(fit.theta)
     values, vectors = np.linalg.eigh(fit.covariance)

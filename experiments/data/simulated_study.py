@@ -156,7 +156,7 @@ class SimulatedStudy:
         return replace(self.known, tree=self.problem.true) if self.file.models[model].axes == "true" else self.known
 
     def estimated_axes(self, model: str) -> RecoveredAxes | None:
-        """Axes that are recovered or searched for; None for those that are stated, or that angles do not determine."""
+        """Axes that are recovered or searched for; None for those that are stated, or of which no tilt is found."""
         axes = self.file.models[model].axes
         if axes == SEARCHED and model not in self._searched:
             recording = self.problem.with_cells(self.recording, self.file.ignored(model))

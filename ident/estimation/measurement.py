@@ -367,15 +367,10 @@ class Measurement:
         """Channels of the tracked bodies, beside their measured orientations (2, k, 6)."""
         out = list[Value]()
         for k, (name, (body, frame, markers, of_frame)) in enumerate(self.tracked.items()):
-            T = base @ pose(motions[body].R, motions[body].p) @ markers @ self._moved(MARKERS.format(name), theta)
-            T = inverse(frame @ self._moved(of_frame, theta)) @ T
+            T = base @ pose(motions[body].R, motions[body].p) @ markers @ self.displacement(MARKERS.format(name), theta)
+            T = inverse(frame @ self.displacement(of_frame, theta)) @ T
             out += reading(T, measured[:, k].reshape(REFERENCES))
         return out
-
-    def _moved(self, of: str, theta: np.ndarray) -> np.ndarray:
-        """Pose of a frame of a tracker or of markers where it was aligned (4, 4)."""
-        rotation, origin = (self._vector(f"tracker_{kind}", of, theta) for kind in ("rotation", "origin"))
-        return pose(small_rotation(rotation), origin)
 
     def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
@@ -389,7 +384,7 @@ class Measurement:
         return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
 
     def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
-        """Pose of a sensor's frame in its stated frame (4, 4)."""
+        """Pose of a frame of a sensor, a tracker or markers where it was stated or aligned (4, 4)."""
         return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
 
     def gravity(self, theta: np.ndarray) -> np.ndarray:

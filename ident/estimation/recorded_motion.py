@@ -12,6 +12,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
@@ -35,9 +36,9 @@ USUAL = 0.1
 WIDTH, REFERENCES = 6, 12
 """Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
 
-COARSE, FINE = 20, 1000
-"""Rounds in which the rotations of both frames are fitted in turn, from each of the 24 turns by right angles, and from
-the best one of these: where the bodies hardly turn they converge slowly."""
+ALIGNED, COARSE, EXACT = 100, 100, 1e-12
+"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; number of
+evaluations from each turn by right angles, enough to tell the best; and tolerance of the fit from that."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -224,56 +225,41 @@ def reading(T: np.ndarray, references: np.ndarray) -> list:
 def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[str, Tracked]:
     """Tracked bodies of a recording, with unknown frames aligned by the model's poses along a motion.
 
-    Rotations maximise `Σ tr(R_measuredᵀ X R_body Y)`, each in turn, and positions follow by least squares.
+    They minimise `Σ ‖F⁻¹ T_body M - T_measured‖²`, from the best of the tracker's 24 turns by right angles.
     """
-    tree, trackers, out = mechanism.tree, recording.trackers, dict[str, Tracked]()
+    tree, trackers = mechanism.tree, recording.trackers
     poses, base, pairs = tree.poses(motion.q), motion.base_poses, list[tuple[np.ndarray, np.ndarray]]()
     poses = poses if base is None else base[:, None] @ poses
     for name, tracker in trackers.items():
-        kept = covered(recording, (f"{name}_position", f"{name}_orientation"))
+        kept = np.flatnonzero(covered(recording, (f"{name}_position", f"{name}_orientation")))
+        kept = kept[:: max(1, len(kept) // ALIGNED)]
         pairs.append((poses[kept, tree.names.index(tracker.body)], recording.poses(name)[kept]))
-    stated = [(None if x.frame is None else inverse(x.frame), x.markers) for x in trackers.values()]
-    turns, columns, right = _rotations(pairs, stated), list[np.ndarray](), list[np.ndarray]()
-    for k, ((A, M), (X, Y), (R, _)) in enumerate(zip(pairs, stated, turns, strict=True)):
-        own = np.zeros((len(A), 3, 3 * (1 + len(pairs))))
-        own[:, :, :3] = np.eye(3) * (X is None)
-        own[:, :, 3 + 3 * k : 6 + 3 * k] = R @ A[:, :3, :3] * (Y is None)
-        known = pose(R, np.zeros(3) if X is None else X[:3, 3]) @ A @ (np.eye(4) if Y is None else Y)
-        columns.append(own.reshape(-1, own.shape[2]))
-        right.append((M - known)[:, :3, 3].ravel())
-    x, *places = np.linalg.lstsq(np.concatenate(columns), np.concatenate(right), rcond=None)[0].reshape(-1, 3)
-    for (name, tracker), (X, Y), (R, S), place in zip(trackers.items(), stated, turns, places, strict=True):
-        frame, markers = inverse(pose(R, x) if X is None else X), pose(S, place) if Y is None else Y
-        out[name] = Tracked(tree.names.index(tracker.body), frame, markers, TRACKER if X is None else f"no {TRACKER}")
-    return out
 
+    def frames(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Poses of tracker and markers for each body, from rotation vectors and positions of those not stated."""
+        own = pose(Rotation.from_rotvec(x.reshape(-1, 6)[:, :3]).as_matrix(), x.reshape(-1, 6)[:, 3:])
+        return [
+            (own[0] if each.frame is None else each.frame, markers if each.markers is None else each.markers)
+            for each, markers in zip(trackers.values(), own[1:], strict=True)
+        ]
 
-def _rotations(
-    pairs: Sequence[tuple[np.ndarray, np.ndarray]], stated: Sequence[tuple[np.ndarray | None, np.ndarray | None]]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotations X and Y with `X R_body Y` nearest to the measured ones, X the same for all that are not stated."""
-    every = [np.einsum("nij,nkl->ijkl", M[:, :3, :3], A[:, :3, :3]) for A, M in pairs]
+    def errors(x: np.ndarray) -> np.ndarray:
+        each = zip(frames(x), pairs, strict=True)
+        return np.concatenate([(inverse(F) @ T @ M - measured)[:, :3].ravel() for (F, M), (T, measured) in each])
 
-    def alternated(shared: np.ndarray, rounds: int) -> tuple[float, list[np.ndarray], list[np.ndarray]]:
-        """Score, X and Y after some rounds from the X of all that are not stated."""
-        for _ in range(rounds):
-            X = [shared if frame is None else frame[:3, :3] for frame, _ in stated]
-            free = [np.einsum("ijkl,ik->lj", K, R) for K, R in zip(every, X, strict=True)]
-            Y = [_nearest(S) if own is None else own[:3, :3] for S, (_, own) in zip(free, stated, strict=True)]
-            back = zip(every, Y, stated, strict=True)
-            shared = _nearest(
-                sum(np.einsum("ijkl,lj->ik", K, S) for K, S, (frame, _) in back if frame is None) + 0 * shared
-            )
-        return sum(float((S * own).sum()) for S, own in zip(free, Y, strict=True)), X, Y
+    def begun(turn: Rotation) -> np.ndarray:
+        """Rotations of the markers for one of the tracker, as `errors` takes them."""
+        x = np.zeros((1 + len(pairs), 6))
+        x[0, :3] = turn.as_rotvec()
+        for k, ((F, _), (T, measured)) in enumerate(zip(frames(x), pairs, strict=True), 1):
+            seen = T[:, :3, :3].swapaxes(1, 2) @ F[:3, :3] @ measured[:, :3, :3]
+            x[k, :3] = Rotation.from_matrix(seen).mean().as_rotvec()
+        return x.ravel()
 
-    starts = (alternated(start, COARSE) for start in Rotation.create_group("O").as_matrix())
-    best = max(starts, key=lambda each: each[0])
-    unknown = [R for R, (frame, _) in zip(best[1], stated, strict=True) if frame is None]
-    _, X, Y = alternated(unknown[0], FINE) if unknown else best
-    return list(zip(X, Y, strict=True))
-
-
-def _nearest(matrix: np.ndarray) -> np.ndarray:
-    """Rotation nearest to a matrix (3, 3)."""
-    U, _, V = np.linalg.svd(matrix)
-    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    starts = (begun(turn) for turn in Rotation.create_group("O"))
+    best = min((least_squares(errors, x, method="lm", max_nfev=COARSE) for x in starts), key=lambda fit: fit.cost)
+    solved = frames(least_squares(errors, best.x, method="lm", ftol=EXACT, xtol=EXACT, gtol=EXACT).x)
+    return {
+        name: Tracked(tree.names.index(each.body), F, M, TRACKER if each.frame is None else "a stated frame")
+        for (name, each), (F, M) in zip(trackers.items(), solved, strict=True)
+    }

@@ -10,9 +10,11 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import Tree
+from ident.parameters.person_prior import without_side
 from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
-from ident.setup import PRIORS, SETUP, SetupKind
+from ident.setup import SETUP, SetupKind
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -31,6 +33,8 @@ class SetupParameter:
         place: Names of the wrenches, channels or joints that it belongs to, by `wrenches`, `channels` and `joints`.
         link: Joint at the other end of a link along the axis; with a minus if the axis points towards it.
         calibrated: True if poses of a tracked body show it, so that it is estimated without a search.
+        constant: True if it is of a frame that nobody knows, which is always estimated and no error.
+        together: Its share in errors that change several parameters together, by their description.
     """
 
     kind: str
@@ -41,6 +45,8 @@ class SetupParameter:
     place: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     link: str = ""
     calibrated: bool = False
+    constant: bool = False
+    together: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def row(self) -> SetupKind:
@@ -57,7 +63,7 @@ class SetupParameter:
     @property
     def estimated(self) -> bool:
         """True if it is estimated without a search."""
-        return self.row.stated or self.row.constant or self.calibrated
+        return self.row.stated or self.constant or self.calibrated
 
     def text(self, template: str, **values: str) -> str:
         """A template of its row, with its object, its axis and other values."""
@@ -85,6 +91,8 @@ class Subject(NamedTuple):
         place: As for `SetupParameter`.
         std: Standard deviation of its own, by default the kind's.
         links: `SetupParameter.link` by axis.
+        together: `SetupParameter.together` by axis.
+        constant: Standard deviation of a constant that nobody knows, whatever is stated; zero for an error.
     """
 
     name: str
@@ -92,6 +100,8 @@ class Subject(NamedTuple):
     place: Mapping[str, tuple[str, ...]]
     std: float | None = None
     links: Mapping[int | None, str] = MappingProxyType({})
+    together: Mapping[int | None, Mapping[str, float]] = MappingProxyType({})
+    constant: float = 0.0
 
 
 def setup_parameters(
@@ -124,12 +134,15 @@ def setup_parameters(
             place=subject.place,
             link=subject.links.get(axis, ""),
             calibrated=row.of == CLOCKS or (subject.name in carrying and row.of in OF_JOINTS),
+            constant=subject.constant > 0,
+            together=subject.together.get(axis, {}),
         )
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
         if row.of == group
-        and (own := given.get(f"{kind}({subject.name})", given.get(kind, subject.std or PRIORS[kind]))) > 0
+        and (own := subject.constant or given.get(f"{kind}({subject.name})", given.get(kind, subject.std or row.std)))
+        > 0
         for axis in subject.axes
     )
 
@@ -146,9 +159,9 @@ def objects(
 
     Returns:
         `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
-        `frames` of the wrenches; `channels`, and those of the contacts; `scales` of torques that are stated not to be
-        exact, whose channels have no gain besides; `gravity`, about the axes across it; `angles` of the hinges, and
-        their `axes`, about those across; `centres` of the joints; `trackers`, unknown frames of trackers and markers;
+        `frames` of the wrenches, and unknown ones of trackers and markers; `channels`, and those of the contacts;
+        `scales` of torques that are stated not to be exact, whose channels have no gain besides; `gravity`, about the
+        axes across it; `angles` of the hinges, and their `axes`, about those across; `centres` of the joints;
         `tracker_clocks`, one for all tracked bodies.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
@@ -157,26 +170,25 @@ def objects(
     together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
     commanded = [name for k, name in enumerate(equations.channels) if k not in equations.sensed]
-    scales = equations.scaled
-    hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
+    scales, tracker = equations.scaled, [TRACKER] * any(each.frame is None for each in trackers.values())
+    unknown = tracker + [MARKERS.format(name) for name, each in trackers.items() if each.markers is None]
+    hinges = [i for i, body in enumerate(tree.bodies) if body.coordinates and body.turns]
     # A tilted axis would open its loop.
     loops = tree.closure.part.names if tree.closure else ()
     return {
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
         "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
-        "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)],
+        "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)]
+        + [Subject(name, range(3), {}, constant=UNKNOWN) for name in unknown],
         "channels": [
             Subject(name, (None,), {"channels": (name,)}) for name in channels if name not in (*commanded, *scales)
         ]
         + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
         "scales": [Subject(name, (None,), {"channels": (name,)}, std) for name, std in scales.items()],
         "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
-        "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
-        "axes": [
-            Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges if body.name not in loops
-        ],
+        "angles": [Subject(name := tree.bodies[i].joint, (None,), {"joints": (name,)}) for i in hinges],
+        "axes": [_axis(tree, i) for i in hinges if tree.names[i] not in loops],
         "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
-        "trackers": [Subject(name, range(3), {}) for name in unknown_frames(trackers)],
         CLOCKS: [Subject("", (None,), {})] if trackers else [],
     }
 
@@ -194,14 +206,32 @@ OF_JOINTS = ("angles", "axes", "centres")
 CLOCKS = "tracker_clocks"
 """Objects of a delay of poses, which any motion shows."""
 
-TRACKER, MARKERS = "tracker", "markers of '{}'"
+UNKNOWN = 1.0
+"""Standard deviation of an unknown frame from where it was aligned, m and rad: far more than the alignment is wrong."""
+
+TRACKER, MARKERS = "the tracker", "markers of '{}'"
 """Names of the frames of a tracker and of the markers of a tracked body."""
 
 
-def unknown_frames(trackers: Mapping[str, Tracker]) -> list[str]:
-    """Names of the frames of tracked bodies that are not stated."""
-    own = [MARKERS.format(name) for name, each in trackers.items() if each.markers is None]
-    return [TRACKER] * any(each.frame is None for each in trackers.values()) + own
+def _axis(tree: Tree, i: int) -> Subject:
+    """Axis of a hinge, which may tilt about the coordinate axes across it: a common turn of all axes, too.
+
+    A turn t of the axis w about an axis of the base frame, in the home posture, is one by the tilts t - w t_c / w_c,
+    where c is the coordinate axis about which there is no tilt.
+    """
+    body = tree.bodies[i]
+    axes, w = across(body.twist[3:]), body.twist[3:]
+    t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*axes}
+    tilts = t - np.outer(w / w[c], t[c])
+    together: dict[int | None, Mapping[str, float]] = {
+        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > PARALLEL} for k in axes
+    }
+    return Subject(body.joint, axes, {"joints": (body.joint,)}, together=together)
+
+
+def _home(tree: Tree, i: int, first: int = 0) -> np.ndarray:
+    """Pose of body i in the home posture, in the base frame or in that which carries the body `first` (4, 4)."""
+    return reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(i) if k >= first))
 
 
 def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracked: bool) -> list[Subject]:
@@ -228,12 +258,14 @@ def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracke
             turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
         axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > PARALLEL).any()]
         other = "" if parent == BASE else names.get(tree.first_link(parent), "")
-        links = dict[int | None, str]()
+        links, lengths = dict[int | None, str](), dict[int | None, Mapping[str, float]]()
         if other:
-            home = reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(members[0]) if k >= first))
-            link = (home @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent]))[:3]
-            links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG * np.linalg.norm(link)}
-        out.append(Subject(joint, axes, {"joints": (joint,)}, equations.mechanism.centre_std, links))
+            link = _home(tree, members[0], first) @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent])
+            link /= max(np.linalg.norm(link), PARALLEL)
+            links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG}
+            ends = " to ".join(without_side(name) for name in (other, joint))
+            lengths = {k: {ends: float(link[k])} for k in links or axes}
+        out.append(Subject(joint, axes, {"joints": (joint,)}, equations.mechanism.centre_std, links, lengths))
     return out
 
 

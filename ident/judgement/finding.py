@@ -280,6 +280,4 @@ def sentence(each: SetupParameter, value: float, std: float, noise: float = inf)
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
-FINDINGS.update(
-    {f"setup_{kind}": Row(partial(setup_sentence, kind), "remark") for kind, row in SETUP.items() if not row.constant}
-)
+FINDINGS.update({f"setup_{kind}": Row(partial(setup_sentence, kind), "remark") for kind in SETUP})

@@ -103,6 +103,15 @@ def _by_name(bodies: tuple[str, ...], table: Mapping[str, Segment]) -> dict[str,
     return {body: Placed(names[body.lower()]) for body in bodies if body.lower() in names}
 
 
+def without_side(name: str) -> str:
+    """Name of a body or joint without its side.
+
+    >>> without_side("knee_r")
+    'knee'
+    """
+    return "_".join(part for part in name.split("_") if part.lower() not in SIDES) or name
+
+
 def _parameters(segment: Segment, mass: float, proximal: np.ndarray, distal: np.ndarray) -> np.ndarray:
     """φ of a segment between its ends (10,)."""
     length = float(np.linalg.norm(distal - proximal))

@@ -35,7 +35,7 @@ from ident.setup import ANGLE, SETUP
 DEVIATIONS = {
     f"{kind}{row.unit.suffix}": row.unit.stated
     for kind, row in sorted(SETUP.items(), key=lambda item: item[1].unit.suffix)
-    if not row.stated and not row.constant
+    if not row.stated
 }
 """Set-up errors whose standard deviation may be stated, those in degrees last; factors to SI and radians."""
 

@@ -7,8 +7,6 @@
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ident.errors import ExcitationError
@@ -122,15 +120,15 @@ def motion_alone(piece: Piece, measurement: Measurement, theta: np.ndarray, T: f
     return Trajectory(motion.splines, [c - zeros for c in motion.coefficients])
 
 
-def gains(fit: TrajectoryFit, candidates: Sequence[int]) -> list[np.ndarray]:
-    """Decrease of each piece's predicted cost if one more parameter is fitted, NaN as for `costs` (K,) each.
+def gains(fit: TrajectoryFit, candidates: np.ndarray) -> list[np.ndarray]:
+    """Decrease of each piece's predicted cost if more parameters are fitted, NaN as for `costs` (K,) each.
 
     Args:
         fit: The estimate with the parameters fixed.
-        candidates: Their indices.
+        candidates: Masks of those to fit as well (k, p).
     """
-    held, every = costs(fit, fit.free), np.arange(len(fit.free))
-    return [held - costs(fit, fit.free | (every == candidate)) for candidate in candidates]
+    held = costs(fit, fit.free)
+    return [held - costs(fit, fit.free | own) for own in candidates]
 
 
 def costs(fit: TrajectoryFit, free: np.ndarray) -> np.ndarray:

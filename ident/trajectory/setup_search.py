@@ -1,8 +1,12 @@
-"""Search for set-up errors and further friction, one by one, and for those of a group that explain nothing alone."""
+"""Search for set-up errors and further friction, one by one, and for those of a group that explain nothing alone.
 
-from collections.abc import Callable, Mapping, Sequence
+A group is tested by the step in its direction d: |d · θ| over its standard deviation.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -11,7 +15,7 @@ from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.late_start import BETTER
-from ident.trajectory.left_out import clearly_better, costs, gains
+from ident.trajectory.left_out import clearly_better, gains
 
 MOST_DEVIATIONS = 10
 """Largest number of parameters that are found by the search."""
@@ -80,6 +84,102 @@ Delays = Mapping[int, Callable[[TrajectoryFit], float]]
 """Functions that return a long delay that a fit may lack, zero for none, by its index in θ."""
 
 
+class Step(NamedTuple):
+    """Parameters to free together.
+
+    Attributes:
+        fit: The fit before, its prior wider for an error beyond what is stated.
+        direction: Direction in which they change (p,).
+        size: Likely change.
+        deviations: What they are, without drives.
+    """
+
+    fit: TrajectoryFit
+    direction: np.ndarray
+    size: float
+    deviations: tuple[Deviation, ...]
+
+    def taken(self, refit: Refit) -> TrajectoryFit:
+        """Fit with these parameters."""
+        return _fit_from(self.fit, refit, self.direction != 0, self.fit.theta + self.size * self.direction)
+
+    def is_significant(self, fit: TrajectoryFit, threshold: float) -> bool:
+        """True if they change in a fit by more than a number of its standard deviations."""
+        std = np.sqrt(self.direction @ fit.covariance @ self.direction)
+        return bool(abs(self.direction @ fit.theta) > threshold * std)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSpace:
+    """Parameters that may be freed.
+
+    Attributes:
+        setup: Mask of those of the set-up (p,).
+        drives: Mask of drives, which are not negative and have no prior (p,).
+        least: Sizes below which they are rejected (p,).
+        gross: Standard deviations of errors beyond what is stated, zero for none (p,).
+        groups: Directions in which several change together, by description (p,) each.
+    """
+
+    setup: np.ndarray
+    drives: np.ndarray
+    least: np.ndarray
+    gross: np.ndarray
+    groups: Mapping[str, np.ndarray]
+
+    def alone(self, fit: TrajectoryFit) -> Step | None:
+        """The one that explains most."""
+        unit, known = np.eye(len(fit.theta)), _known(fit)
+        left = np.flatnonzero((self.setup | self.drives) & ~fit.free)
+        beyond = left[self.gross[left] > 0]
+        moves = _loosened(fit, beyond, self.gross).scores(unit[beyond])[0]
+        beyond = beyond[np.abs(moves) > INCREDIBLE * known[beyond]]
+        loose = _loosened(fit, beyond, self.gross)
+        values, z = self._promising(loose, unit[left])
+        if not z.any():
+            return None
+        # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
+        # and makes all candidates about equally significant.
+        working = replace(loose, scatters=None)
+        z = np.where(z > 0, np.abs(values / working.scores(unit[left])[1]), 0.0)
+        close = np.sqrt(max(z.max() ** 2 - max(ALIKE, ALIKE_SHARE * z.max() ** 2), PROMISING**2))
+        # What explains as much within what is stated is more likely.
+        within = np.where(np.isin(left, beyond), 0.0, z)
+        best = int(np.argmax(within if within.max() > close else z))
+        index = int(left[best])
+        alike = [k for k in np.argsort(-z, kind="stable") if z[k] > close and self.setup[left[k]] and k != best]
+        together, directions = self._open_groups(fit)
+        explain = np.abs(np.divide(*working.scores(directions))) > close
+        names = tuple(name for name, also in zip(together, explain, strict=True) if also)
+        own = beyond[beyond == index]
+        deviation = Deviation(index, tuple(left[alike].tolist()), names, len(own) > 0)
+        return Step(_loosened(fit, own, self.gross), unit[index], values[best], (deviation,) * bool(self.setup[index]))
+
+    def together(self, fit: TrajectoryFit) -> Step | None:
+        """The group that explains most, as tilts of parallel axes, of which none may explain anything alone."""
+        _, directions = self._open_groups(fit)
+        values, z = self._promising(fit, directions)
+        if not z.any():
+            return None
+        best = directions[z.argmax()]
+        return Step(fit, best, values[z.argmax()], tuple(Deviation(k, ()) for k in np.flatnonzero(best).tolist()))
+
+    def _open_groups(self, fit: TrajectoryFit) -> tuple[list[str], np.ndarray]:
+        """Descriptions and directions (k, p) of the groups of which nothing was fitted."""
+        names = [name for name, direction in self.groups.items() if not direction[fit.free | ~self.setup].any()]
+        return names, np.array([self.groups[name] for name in names]).reshape(-1, len(fit.theta))
+
+    def _promising(self, fit: TrajectoryFit, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps in some directions (k, p), and their scores in standard deviations, zero for those not worth a fit."""
+        values, spread = fit.scores(directions)
+        steps, z = values[:, None] * directions, np.abs(values / spread)
+        sizes = np.where(self.drives, steps, np.abs(steps))
+        likely = (sizes > self.least).any(axis=1) & (z > PROMISING)
+        likely &= np.count_nonzero(directions, axis=1) <= MOST_DEVIATIONS
+        likely[likely] = [clearly_better(each) for each in gains(fit, directions[likely] != 0)]
+        return values, np.where(likely, z, 0.0)
+
+
 def searched(
     first: Search,
     refit: Refit,
@@ -90,15 +190,15 @@ def searched(
     delays: Delays = MappingProxyType({}),
     gross: np.ndarray | float = 0.0,
 ) -> Search:
-    """Frees parameters as long as one is significant and improves the prediction of left-out pieces.
+    """Frees parameters as long as some are significant and improve the prediction of left-out pieces.
 
     Args:
         first: The fit with the set-up as stated, or as estimated so far.
         refit: Function that fits again, with the covariance under the estimated noise.
         candidates: Mask of the set-up parameters (p,).
-        groups: Directions in which several parameters change alike, by description (p,) each.
+        groups: Directions in which several parameters change together, by description (p,) each.
         least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
-        drives: Mask of drives to try beside them, which are not negative and have no prior (p,).
+        drives: Mask of drives to try beside them (p,).
         delays: Long delays to try before, of which those that later ones make needless are removed again.
         gross: Standard deviations of errors beyond what is stated, zero for none (p,).
     """
@@ -108,91 +208,39 @@ def searched(
         none = np.zeros_like(candidates)
         return replace(searched(first, refit, none, {}, drives=drives), incredible=True)
 
-    fitted, deviations = first.fit, list(first.deviations)
+    fitted, deviations = first.fit, first.deviations
     drives = np.zeros_like(candidates) if drives is None else drives
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum(), 1)))
-    known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
+    known = _known(fitted)
     least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
-    gross = np.broadcast_to(gross, known.shape)
+    every = SearchSpace(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
     while fitted.free.sum() - first.fit.free.sum() < MOST_DEVIATIONS and fitted.status != "interrupted":
-        left = np.flatnonzero((candidates | drives) & ~fitted.free)
-        if not len(left):
+        if (step := every.alone(fitted) or every.together(fitted)) is None:
             break
-        beyond = left[gross[left] > 0]
-        moves = _loosened(fitted, beyond, gross).scores(np.eye(len(known))[beyond])[0]
-        beyond = beyond[np.abs(moves) > INCREDIBLE * known[beyond]]
-        loose = _loosened(fitted, beyond, gross)
-        values, spread = loose.scores(np.eye(len(candidates))[left])
-        likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
-        likely[likely] = [clearly_better(each) for each in gains(loose, left[likely].tolist())]
-        if not likely.any():
-            members, tried = _tried_together(fitted, refit, groups, np.where(candidates, least, np.inf), threshold)
-            if not members:
-                break
-            if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
-                return incredible()
-            fitted = tried
-            deviations += [Deviation(member, ()) for member in members]
-            continue
-        # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
-        # and makes all candidates about equally significant.
-        working = replace(loose, scatters=None)
-        z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
-        best = int(np.argmax(z))
-        close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
-        # What explains as much within what is stated is more likely.
-        within = np.where(np.isin(left, beyond), 0.0, z)
-        best = int(np.argmax(within if within.max() > close else z))
-        alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
-        index = int(left[best])
-        own = beyond[beyond == index]
-        deviation = Deviation(
-            index, tuple(left[alike].tolist()), tuple(_together(working, groups, close)), len(own) > 0
-        )
         try:
-            tried = _fit_from(_loosened(fitted, own, gross), refit, index, fitted.theta[index] + values[best])
+            tried = step.taken(refit)
         except ExcitationError:
             return incredible()
-        if not abs(tried.theta[index]) > threshold * np.sqrt(tried.covariance[index, index]):
+        if not step.is_significant(tried, threshold):
             break
-        known = np.where(np.arange(len(known)) == index, np.where(len(own), gross, known), known)
-        if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
+        if (np.abs(tried.theta) > INCREDIBLE * _known(tried))[candidates].any():
             return incredible()
-        fitted = tried
-        deviations += [deviation] * bool(candidates[index])
-    return _without_idle(replace(first, fit=fitted, deviations=tuple(deviations)), refit, delays)
+        fitted, deviations = tried, (*deviations, *step.deviations)
+    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays)
+
+
+def _known(fit: TrajectoryFit) -> np.ndarray:
+    """Standard deviations of the parameters by their prior, huge for those without (p,)."""
+    return 1 / np.sqrt(np.maximum(np.diag(fit.prior.known), 1e-300))
 
 
 def _fit_from(
-    fit: TrajectoryFit, refit: Refit, at: int | Sequence[int], value: float | np.ndarray, *, free: bool = True
+    fit: TrajectoryFit, refit: Refit, own: np.ndarray, value: float | np.ndarray, *, free: bool = True
 ) -> TrajectoryFit:
-    """Fit that starts from another value of some parameters, by their indices, which are free or fixed."""
-    own = np.isin(np.arange(len(fit.theta)), at)
+    """Fit that starts from another value of some parameters, by their mask, which are free or fixed."""
     start = replace(fit.end, theta=np.where(own, value, fit.theta))
     return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
-
-
-def _tried_together(
-    fit: TrajectoryFit, refit: Refit, groups: Mapping[str, np.ndarray], least: np.ndarray, threshold: float
-) -> tuple[list[int], TrajectoryFit]:
-    """Parameters of a group, none of which explains anything alone, as tilts of parallel axes, and the fit with them.
-
-    They move by more than `least` (p,), and one of them by more than a number of standard deviations. Without such a
-    group there are none, and the fit is as it was.
-    """
-    for step in _together(fit, groups, PROMISING).values():
-        own = step != 0
-        if (np.abs(step) <= least)[own].any() or not clearly_better(costs(fit, fit.free) - costs(fit, fit.free | own)):
-            continue
-        members = np.flatnonzero(own).tolist()
-        try:
-            tried = _fit_from(fit, refit, members, fit.theta + step)
-        except ExcitationError:
-            continue
-        if (np.abs(tried.theta) > threshold * np.sqrt(np.diag(tried.covariance)))[own].any():
-            return members, tried
-    return [], fit
 
 
 def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
@@ -207,7 +255,7 @@ def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:
         if fit.free[at] or fit.status == "interrupted" or not (delay := likely(fit)):
             continue
         try:
-            late = _fit_from(fit, refit, at, delay)
+            late = _fit_from(fit, refit, np.arange(len(fit.theta)) == at, delay)
         except ExcitationError:
             continue
         better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
@@ -223,14 +271,6 @@ def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
     if not idle or fit.status == "interrupted":
         return search
     kept = tuple(each for each in search.deviations if each.index not in idle)
-    return replace(search, fit=_fit_from(fit, refit, idle, 0.0, free=False), deviations=kept)
-
-
-def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> dict[str, np.ndarray]:
-    """Steps (p,) of the groups without fitted parameters whose score exceeds `least`, by description."""
-    open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
-    if not open_:
-        return {}
-    values, spread = fitted.scores(np.array(list(open_.values())))
-    steps = zip(open_, values, np.abs(values / spread), strict=True)
-    return {name: value * open_[name] for name, value, z in steps if z > least}
+    return replace(
+        search, fit=_fit_from(fit, refit, np.isin(np.arange(len(fit.theta)), idle), 0.0, free=False), deviations=kept
+    )

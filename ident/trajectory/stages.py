@@ -493,9 +493,9 @@ def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:
-    """Directions in θ along which all parameters of one kind and axis change equally, by description (p,) each."""
+    """Directions in θ along which several set-up parameters change together, by description (p,) each."""
     groups = defaultdict[str, np.ndarray](lambda: np.zeros(number))
     for at, each in setup.items():
-        if each.row.together:
-            groups[each.text(each.row.together)][at] = 1
-    return {text: direction for text, direction in sorted(groups.items()) if direction.sum() > 1}
+        for name, share in each.together.items():
+            groups[each.row.together.format(name)][at] = share
+    return {text: direction for text, direction in sorted(groups.items()) if np.count_nonzero(direction) > 1}

@@ -11,6 +11,7 @@ import numpy as np
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.mechanism.drives import Drive
 from sim.models.notes import body_name, note, refusals
+from sim.models.xml_files import SAME
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""
@@ -174,6 +175,11 @@ def is_physical(phi: np.ndarray) -> bool:
     """True if a rigid body with mass may have these parameters (10,), to rounding."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(phi))
     return bool(phi[0] > 0 and eigenvalues[0] >= -1e-12 * eigenvalues[-1])
+
+
+def differs(phi: np.ndarray, before: np.ndarray) -> bool:
+    """True if parameters of a body (10,) differ from those before by more than rounding."""
+    return bool(abs(phi - before).max() > SAME * abs(before).max())
 
 
 def note_inertias(model: mujoco.MjModel) -> None:

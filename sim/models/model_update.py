@@ -4,7 +4,6 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
 import mujoco
@@ -22,6 +21,7 @@ from sim.models.inertials import (
     Update,
     bodies_in_order,
     compiled_as_stated,
+    differs,
     inertial_of,
     is_physical,
     overrides,
@@ -37,7 +37,7 @@ from sim.models.opensim.reading import OpenSimOrigin, is_opensim
 from sim.models.opensim.writing import write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import updated_urdf
-from sim.models.xml_files import SAME, ModelFile, parsed, restated, set_comment, text_of
+from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -47,9 +47,6 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 
 Stated = tuple[float, np.ndarray, np.ndarray]
 """Mass, centre of mass, and inertia about it."""
-
-NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
-"""Displacements of joints that are where the model says."""
 
 
 class Bodies(Protocol):
@@ -94,7 +91,7 @@ def write_model(
     mechanism: Mechanism,
     phi: np.ndarray | Bodies,
     drives: Mapping[str, Drive] | None = None,
-    displaced: Mapping[str, np.ndarray] = NOWHERE_ELSE,
+    displaced: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim by the suffix, else MJCF.
 
@@ -120,7 +117,7 @@ def write_model(
     """
     path = checked_target(path, "the path of a file to write")
     check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
-    update = Update(_numbers(phi), drives or {}, displaced, getattr(phi, "comments", {}))
+    update = Update(_numbers(phi), drives or {}, displaced or {}, getattr(phi, "comments", {}))
     if isinstance(mechanism.source, OpenSimOrigin):
         write_opensim(path, mechanism, update)
         return
@@ -226,7 +223,9 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     else:
         file = ModelFile(Path(source), text_of(Path(source)))
         if not overriding:
-            inertials = {b: inertials[b] for b, own in members.items() if _differs(origin, b, own)}
+            inertials = {
+                b: inertials[b] for b, own in members.items() if differs(own, body_parameters(origin.model, b))
+            }
     root, bodies = file.root, bodies_of(file.root)
     names = {b: body_name(origin.model, b) for b, own in members.items() if own.any()}
     comments = {b: update.comments[name] for b, name in names.items() if name in update.comments}
@@ -306,16 +305,10 @@ def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed, dynamics = {}, urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
     for b, own in _members(origin, update.phi).items():
-        if _differs(origin, b, own):
+        if differs(own, body_parameters(origin.model, b)):
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
     return updated_urdf(Path(str(origin.text)), changed, dynamics, update)
-
-
-def _differs(origin: Origin, b: int, own: np.ndarray) -> bool:
-    """True if φ (10,) of a body differs from the model's by more than rounding."""
-    before = body_parameters(origin.model, b)
-    return bool(abs(own - before).max() > SAME * abs(before).max())
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:

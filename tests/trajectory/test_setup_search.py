@@ -120,6 +120,12 @@ def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
     assert deviating(search_of([size], 0.05)) == [0]
 
 
+@pytest.mark.parametrize(("shares", "found"), [((1, -1, 1), [0, 1, 2]), ((1, 1, 1), [])])
+def test_what_explains_nothing_alone_is_tried_with_its_group(shares, found):
+    assert not search_of([0.24, -0.24, 0.24], 0.1).deviations
+    assert deviating(search_of([0.24, -0.24, 0.24], 0.1, groups={"all": np.array(shares, float)})) == found
+
+
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 

@@ -10,7 +10,7 @@ from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
 from ident.mechanism.mechanism import Mechanism
-from sim.models.inertials import Update, is_physical, stated_parts
+from sim.models.inertials import Update, differs, is_physical, stated_parts
 from sim.models.opensim.elements import Frames, model_element, offset, text
 from sim.models.opensim.joints import Link, links_in_order
 from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
@@ -43,11 +43,7 @@ def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
             f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, welds kept, got {phi.shape}."
         )
     new = dict(zip(names, phi.reshape(-1, 10), strict=True))
-    changed = {
-        name: own
-        for name, own in new.items()
-        if not np.allclose(own, body_parameters(before[name]), rtol=1e-12, atol=0)
-    }
+    changed = {name: own for name, own in new.items() if differs(own, body_parameters(before[name]))}
     for name, own in changed.items():
         if own.any() and not is_physical(own):
             raise InputError(f"The parameters of '{name}' are not those of a physical body.")
