@@ -98,13 +98,13 @@ def test_joints_are_displaced_as_a_whole_where_something_shows_it():
     """Torques do not show a shift along the axis of all joints before; nothing shows one of the first joint of all."""
     turn, hinge, z = Rotation.from_euler("y", 90, degrees=True).as_matrix(), np.eye(6)[5], np.eye(6)[3]
 
-    def at(*place, turn=np.eye(3)):
-        return pose(turn, np.array(place))
+    def at(*place):
+        return pose(np.eye(3), np.array(place))
 
     tree = Tree(
         (
             Body("thigh", BASE, np.eye(4), hinge, "hip"),
-            Body("shank", 0, at(0, 0, -0.4, turn=turn), hinge, "knee"),
+            Body("shank", 0, pose(turn, np.array([0, 0, -0.4])), hinge, "knee"),
             Body("link", 1, at(0.3, 0, 0), hinge, "ankle", massless=True),
             Body("foot", 2, np.eye(4), z, "subtalar"),
             Body("toes", 3, np.eye(4), np.zeros(6)),
