@@ -243,14 +243,13 @@ def test_the_command_weighs_a_load(files, arm, load, logs, capsys, monkeypatch):
         ({"mass": -1.0}, "mass needs a number above 0"),
         ({"mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
         ({"loaded": []}, "A load needs recordings without it and with it"),
-        ({"loaded": None}, "one of them is given twice: most samples of number 2 are those of number 1"),
     ],
 )
 def test_bad_input_is_one_sentence(arm, logs, given, message):
-    given = {"loaded": logs[1], "body": "tool"} | given
-    given["loaded"] = logs[0] if given["loaded"] is None else given["loaded"]
     with pytest.raises(InputError, match=message):
-        identify_load(arm, logs[0], **given)
+        identify_load(arm, logs[0], **{"loaded": logs[1], "body": "tool", **given})
+    with pytest.raises(InputError, match="one of them is given twice"):
+        identify_load(arm, logs[0], logs[0], body="tool")
 
 
 def test_a_columns_file_states_the_body_with_the_load(files, arm, logs, monkeypatch, capsys):

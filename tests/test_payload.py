@@ -154,7 +154,6 @@ def test_what_cannot_be_a_payload_is_refused():
         (arm(), usual, {"sensor": "foot"}, ident.LogError, "needs the wrench 'foot', its wrenches are 'wrist'"),
         (arm(beyond=finger), usual, {}, ident.InputError, r"hold them where they stand \(--fix grip\)"),
         (arm(), log(size=1e-3), {}, ident.ExcitationError, "keeps its direction to gravity"),
-        (arm(), [], {}, ident.InputError, "at least one recording"),
         (arm(), replace(usual, base=swaying), {}, ident.InputError, "moving base"),
         (arm(), on_link, {}, ident.InputError, "'wrist' is on 'link3'"),
         (arm(), on_hand, {}, ident.InputError, "no body 'hand' for the wrench"),
