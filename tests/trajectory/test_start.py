@@ -29,10 +29,8 @@ def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     measured[rng.uniform(size=measured.shape) < missing] = np.nan
     result = smoothed([Piece(spline, time, measured, time[:0], np.zeros((0, 0)), np.zeros((0, 2, 0)))])
     np.testing.assert_allclose(result.noises[0].states, SIGMA, rtol=0.1)
-    x, (velocity, difference) = (
-        spline.evaluate(result.coefficients[0], time),
-        (np.gradient(each, time, axis=0) for each in (exact, measured)),
-    )
+    x = spline.evaluate(result.coefficients[0], time)
+    velocity, difference = (np.gradient(each, time, axis=0) for each in (exact, measured))
     assert (rms(x[0] - exact) < 0.4 * SIGMA).all()
     assert (rms(x[1] - velocity) < 0.1 * rms(difference - velocity)).all()
 
