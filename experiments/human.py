@@ -61,7 +61,7 @@ OPTIONS: options.Options = {
         "intervals hold, in place of the results of one person",
         {"type": options.whole_number(1, 1000), "default": 1},
     ),
-    "--no-rail": ("persons who stand on the plates alone", {"dest": "rail", "action": "store_false"}),
+    "--no-rail": ("with --persons: who stand on the plates alone", {"dest": "rail", "action": "store_false"}),
     **options.RESUME,
     **options.workers(min(2, os.cpu_count() or 1)),
 }

@@ -29,11 +29,9 @@ from experiments.data.paper import SCENE
 from experiments.document.result_folder import provenance, write_json
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.samples import Samples
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model import compiled
-from ident.parameters.base_parameters import STANDARD_GRAVITY, find_base_parameters
-from ident.parameters.structure import structure_matrix
+from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.regression.ordinary import least_squares
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate, simulate_many
@@ -253,18 +251,15 @@ def of_simulations(effort: Effort) -> Iterator[Row]:
         yield compared(task, PENDULUM, 3, effort.samples, "a bare loop", pair, effort, together)
 
 
-def of_jobs(effort: Effort) -> Iterator[Row]:
-    """Base parameters of a long arm, and one linearisation, each beside the same without the structure of the tree."""
-    bodies, arm = effort.bodies[-1], Mechanism(subjects.chain(effort.bodies[-1]), STANDARD_GRAVITY)
-    pair: tuple[Way, Way] = partial(find_base_parameters, arm), lambda: find_base_parameters(structure_matrix(arm))
-    yield compared("base parameters", CHAIN, bodies, 0, "its whole matrix", pair, effort)
+def of_linearisations(effort: Effort) -> Iterator[Row]:
+    """One linearisation of a trajectory's equations, beside the same with dense matrices."""
     pair = subjects.linearisations(effort.linearised)
     yield compared("linearisation", "tree of torques", 30, effort.linearised, "dense matrices", pair, effort)
 
 
 PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (
     *(on_mechanisms, of_arms, of_pieces, of_trials),
-    *(of_simulations, of_jobs),
+    *(of_simulations, of_linearisations),
 )
 """Parts of the benchmark; the first four need Pinocchio."""
 

@@ -261,8 +261,7 @@ def toml_text(belief: Belief) -> str:
         lines.append("# " * all(x.sure == DOUBTFUL for x in own) + f"[joints.{_key(joint)}]")
         lines += ['# position = "?"    # no column'] * all(x.kind != "position" for x in own)
         for x in own:
-            sure = x.sure if len(x.why) == 1 else LIKELY
-            lines.append("# " * (x.sure == DOUBTFUL) + _line(x.kind, x.value, "; ".join(x.why), sure))
+            lines.append("# " * (x.sure == DOUBTFUL) + _line(x.kind, x.value, "; ".join(x.why), x.sure))
     wrenches = {f"wrenches.{name}": group for name, group in belief.groups.items()}
     for table, group in {**belief.poses, **wrenches}.items():
         (room, dot, name), mark = table.partition("."), "# " * (table in wrenches and group.is_doubtful)

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -19,12 +18,6 @@ from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
 from ident.parameters.aligned_loops import alignments
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
-
-if TYPE_CHECKING:
-    from ident.parameters.tree_elimination import Elimination
-
-LARGE = 40
-"""Number of bodies from which elimination along the tree takes less time than the whole matrix."""
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
@@ -188,43 +181,23 @@ def _of_structure(
         reduced, chosen = independent_columns.reduced_rows(structure.matrix)
         others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
         return BaseParameters(names, tuple(chosen), tuple(others), reduced[:, others], (np.inf, 0.0))
-    along = None
-    if len(mechanism.tree.inertial) >= LARGE:
-        # Few mechanisms are so large that sparse solvers are worth their import.
-        from ident.parameters.tree_elimination import elimination
-
-        along = elimination(structure)
-        if along.clear and kept is None and (made := along.coefficients) is not None:
-            chosen, others = along.kept.tolist(), along.others.tolist()
-            beta = _in_si(made, along.norms * units, chosen, others)
-            return BaseParameters(names, tuple(chosen), tuple(others), beta, along.gap)
     rows = structure.matrix
     if not rows.any():
         raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
-    return _of_regressor(rows, units, names, kept, along)
+    return _of_regressor(rows, units, names, kept)
 
 
 def _of_regressor(
-    Y: np.ndarray,
-    units: np.ndarray | float,
-    names: tuple[str, ...],
-    kept: Sequence[str] | None,
-    along: "Elimination | None" = None,
+    Y: np.ndarray, units: np.ndarray | float, names: tuple[str, ...], kept: Sequence[str] | None
 ) -> BaseParameters:
-    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,).
-
-    The rank is that of an elimination of the same columns, if there is one and it is clear.
-    """
+    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,)."""
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     unit, norms = independent_columns.unit_columns(columns)
-    if along and along.clear:
-        rank, gap = len(along.kept), along.gap
-    else:
-        s = np.linalg.svd(unit, compute_uv=False)
-        rank = independent_columns.numerical_rank(s)
-        gap = float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0
+    s = np.linalg.svd(unit, compute_uv=False)
+    rank = independent_columns.numerical_rank(s)
+    gap = float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0
     chosen, passed = independent_columns.first_independent(unit, rank, gap[1])
     if kept is not None:
         chosen, passed = independent_columns.basis(kept, names, unit, chosen), []
@@ -236,7 +209,8 @@ def _of_regressor(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
         )
-    beta = _in_si(made, norms * units, chosen, others)
+    sizes = norms * units
+    beta = made * sizes[others] / sizes[chosen][:, None]
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
 
 
@@ -279,11 +253,6 @@ def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:
     if columns != len(names):
         raise InputError(f"A regressor of {columns} columns needs as many names, got {len(names)}.")
     return names
-
-
-def _in_si(made: np.ndarray, sizes: np.ndarray, kept: Sequence[int], others: Sequence[int]) -> np.ndarray:
-    """Coefficients of columns (r, P - r) from those of unit-norm columns, which the sizes (P,) multiply."""
-    return made * sizes[others] / sizes[kept][:, None]
 
 
 def structural_base_parameters(

@@ -31,14 +31,10 @@ def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of unit length (or zero), with rows rotated into at most P, and their original norms (P,)."""
     # The rotation of the rows by the QR decomposition preserves dependencies between columns.
     triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
-    norms, nonzero = bounded_norms(np.linalg.norm(triangle, axis=0))
-    return np.where(nonzero, triangle / norms, 0), norms
-
-
-def bounded_norms(norms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Norms (P,) that are not below `SMALL_COLUMN` times the largest, and which columns are not zero (P,)."""
+    norms = np.linalg.norm(triangle, axis=0)
     # Small columns stay small: scaled to unit length their rounding errors would add to the rank.
-    return np.maximum(norms, SMALL_COLUMN * norms.max()), norms > ZERO_COLUMN * norms.max()
+    bounded = np.maximum(norms, SMALL_COLUMN * norms.max())
+    return np.where(norms > ZERO_COLUMN * norms.max(), triangle / bounded, 0), bounded
 
 
 def numerical_rank(singular_values: np.ndarray, rounding: float = DEPENDENT) -> int:

@@ -55,7 +55,8 @@ def text_of(path: Path) -> bytes:
     """Bytes of an MJCF, URDF or OpenSim file, those of the URDF file that a xacro file describes.
 
     Raises:
-        ModelError: The file does not exist, is no XML, has a name that is no UTF-8 text, or cannot be expanded.
+        ModelError: The file does not exist, is no XML, an MJCF file in another encoding than UTF-8, has a name that is
+            none, or cannot be expanded.
         InputError: What expands xacro is not installed.
     """
     if not path.is_file():
@@ -65,6 +66,11 @@ def text_of(path: Path) -> bytes:
     data = path.read_bytes()
     try:
         root = _root(data)
+        if root.tag == "mujoco":
+            # MuJoCo does not read what the file declares.
+            data.decode()
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: MJCF needs to be in UTF-8 ({error}).") from None
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two are raised for unknown, non-text or multi-byte encodings.
         raise ModelError(f"{path}: the file needs to be XML ({error}).") from None

@@ -1,6 +1,5 @@
 """Base parameters against ranks and regressors, and their elimination against the plain way."""
 
-import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,17 +9,15 @@ import pytest
 from mechanisms import GRAVITY, SCREWS, double_pendulum, random_states, random_tree, regrouping_error, tilted_axis
 from random_models import random_model
 from scipy import linalg
-from test_against_opensymoro import DATA, tree_of
 
 from experiments.data import paper
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
-from ident.parameters import base_parameters, independent_columns
+from ident.parameters import independent_columns
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.independent_columns import DEPENDENT
-from ident.parameters.structure import Sensors
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
@@ -131,49 +128,6 @@ def test_regrouping_holds_in_any_unit_of_length(length):
     base = find_base_parameters(Tree(tuple(bodies)), gravity=GRAVITY)
     assert base.rank == find_base_parameters(tree, gravity=GRAVITY).rank
     assert regrouping_error(base, regressor_of(Tree(tuple(bodies)), 100)) <= 1e-10
-
-
-SENSORS = (
-    Sensors(),
-    Sensors(False, True),
-    Sensors(True, True),
-    Sensors(moving_base=True),
-    Sensors(False, True, True),
-    Sensors(channels=np.eye(6)[[0, 1, 5]]),
-    Sensors(channels=np.eye(6)[[2]], moving_base=True),
-)
-
-
-def assert_same_both_ways(monkeypatch, tree, gravity, sensors):
-    """Compares regroupings along the tree and by the whole matrix, unless no parameter has an effect."""
-    ways = []
-    for large in (1, np.inf):
-        monkeypatch.setattr(base_parameters, "LARGE", large)
-        try:
-            ways.append(find_base_parameters(tree, gravity=gravity, sensors=sensors))
-        except InputError as error:
-            ways.append(str(error))
-    along, whole = ways
-    if isinstance(whole, str):
-        assert along == whole and "see no parameter" in whole
-        return
-    assert (along.kept, along.dependent, along.passed_over) == (whole.kept, whole.dependent, whole.passed_over)
-    np.testing.assert_allclose(along.beta, whole.beta, rtol=0, atol=1e-9 * max(1, abs(whole.beta).max(initial=0)))
-    assert not (along.beta[whole.beta == 0]).any()
-    assert along.gap[0] == pytest.approx(whole.gap[0], rel=1e-8)
-    assert along.gap[1] < 1e-12
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
-    assert_same_both_ways(monkeypatch, *tree_of_any_kind(seed, 2 + seed // 2), SENSORS[seed % len(SENSORS)])
-
-
-def test_coefficients_along_the_tree_are_zero_where_they_are_rounding_errors(monkeypatch):
-    """As of robots whose axes are at right angles to rounding."""
-    for path in DATA:
-        golden = json.loads(path.read_text(encoding="utf-8"))
-        assert_same_both_ways(monkeypatch, tree_of(golden), np.array(golden["gravity"]), Sensors())
 
 
 def plainly_exchanged(order, made, largest):
