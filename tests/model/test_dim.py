@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist, unhat
+from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist
 from scipy.linalg import expm
 
 from ident.geometry import se3
@@ -33,11 +33,6 @@ def phi(rng, tree):
     return random_phi(rng, len(tree.inertial))
 
 
-def twists(tree, state, gravity):
-    _, V, dV = dim.forward_recursion(Mechanism(tree, gravity), Motion(*state))
-    return np.array(V), np.array(dV)
-
-
 def slope(function, h):
     return (function(h) - function(-h)) / (2 * h)
 
@@ -48,38 +43,20 @@ def test_equation_7_is_the_exponential(rng):
     np.testing.assert_allclose(computed, body.home @ expm(se3.hat(body.twist) * 0.7), atol=1e-13)
 
 
-def test_equation_9_is_the_derivative_of_the_motion(tree, state):
-    """Gravity counts as an acceleration of the base."""
-    V, dV = twists(tree, state, np.zeros(3))
-
-    def poses(t):
-        return tree.poses(moved_states(tree, *state, t)[0])
-
-    def by_differences(t):
-        rate = slope(lambda h: poses(t + h), 1e-5)
-        return np.array([unhat(m) for m in se3.inverse(poses(t)) @ rate])
-
-    np.testing.assert_allclose(by_differences(0), V, atol=2e-7)
-    np.testing.assert_allclose(slope(by_differences, 1e-4), dV, atol=2e-4)
-    weight = twists(tree, state, GRAVITY)[1] - dV
-    np.testing.assert_allclose(weight[:, :3], -GRAVITY @ poses(0)[:, :3, :3], atol=1e-12)
-    np.testing.assert_allclose(weight[:, 3:], 0, atol=1e-12)
-
-
 def test_equation_10_gives_the_kinetic_energy_of_the_mass_points(rng):
     phi, V = random_phi(rng, 1), rng.normal(size=6)
     energy = np.trace(se3.hat(V) @ pseudo_inertia(phi) @ se3.hat(V).T) / 2
     assert np.isclose(V @ dim.spatial_inertia(phi) @ V / 2, energy, rtol=1e-12)
 
 
-def test_equation_11_is_the_rate_of_energy_and_of_momentum(tree, state, phi):
+def test_equations_9_and_11_are_the_rates_of_energy_and_of_momentum(tree, state, phi):
     """Power of the joints' torques, and the ground's wrench without gravity."""
 
     def bodies(t):
         """Pose, twist and φ of each body."""
         q, dq = moved_states(tree, *state, t)
-        V, own = twists(tree, (q, dq, state[2]), GRAVITY)[0], list(tree.inertial)
-        return zip(tree.poses(q)[own], V[own], phi.reshape(-1, 10), strict=True)
+        T, (_, V, _) = tree.poses(q), dim.forward_recursion(Mechanism(tree, GRAVITY), Motion(q, dq, state[2]))
+        return [(T[i], V[i], own) for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True)]
 
     def energy(t):
         weights = (GRAVITY @ (own[0] * T[:3, 3] + T[:3, :3] @ own[1:4]) for T, _, own in bodies(t))
