@@ -1,26 +1,12 @@
 """Regressors against the paper's recursion, differences and each other."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from mechanisms import (
-    GRAVITY,
-    double_pendulum,
-    random_phi,
-    random_pose,
-    random_states,
-    random_tree,
-    random_twist,
-    tilted_axis,
-)
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
 
 from ident.errors import InputError
-from ident.geometry.se3 import coAd
-from ident.mechanism.body import BASE, Body, free_joint
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
-from ident.mechanism.tree import Tree
 from ident.model import dim, regressor
 from ident.model.adjoint import pulled_back
 from ident.model.inverse_dynamics import inverse_dynamics
@@ -94,19 +80,6 @@ def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
     ):
         with pytest.raises(InputError, match="what an earlier call returned.*" + what):
             base_wrench_regressor(tree, *states, gravity=GRAVITY, out=wrong)
-
-
-def test_a_moving_base_is_a_free_joint_seen_from_the_body():
-    """Cut at a free joint, the rest needs the joint's forces as a wrench in the body's frame."""
-    rng = np.random.default_rng(0)
-    arm = Body("arm", 3, random_pose(rng), random_twist(rng, "revolute"), "elbow")
-    whole = Tree((*free_joint("root", "b", BASE, 0), arm))
-    cut = Tree((Body("b", BASE, np.eye(4), np.zeros(6)), replace(arm, parent=0)))
-    q, dq, ddq = random_states(rng, whole, 5)
-    base = BaseMotion.from_free_joint(q[:, :7], dq[:, :6], ddq[:, :6])
-    expected = base_wrench_regressor(whole, q, dq, ddq, gravity=GRAVITY)
-    computed = base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
-    close(coAd(base.T) @ computed, expected)
 
 
 @pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])
