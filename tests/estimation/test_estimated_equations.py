@@ -80,6 +80,14 @@ def test_of_a_ground_what_is_left_out_is_as_good_as_not_measured(pendulum, estim
     assert [each.text for each in own.findings] == [each.text for each in expected.findings]
 
 
+def test_a_channel_that_is_constant_by_the_model_too_is_left_out(pendulum):
+    """Without noise, Fx is zero in the pendulum's plane."""
+    exact = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=300, noise_scale=0)
+    ready = prepared(pendulum[0], exact, cutoff=10.0)
+    assert ready.equations.channels == COMPONENTS[1:]
+    assert "Fx never change, nor do they by the model, and are left out." in ready.notes
+
+
 def test_torques_are_left_out_by_their_joints(pendulum):
     arm, recording = pendulum
     torques = {f"{joint}_torque": np.sin(recording.time) for joint in arm.joints}

@@ -64,6 +64,7 @@ def test_zeros_and_ones_cost_nothing():
     assert a + b is b + a and a * b is b * a and a + (-b) is a - b and (-a) * b is -(a * b)
     before = len(tape.steps)
     assert (a * b) * 1 + 0 is b * a and len(tape.steps) == before
+    assert gradient(1.0, tape.inputs) == [0.0, 0.0]
 
 
 @given(choices_of(SMOOTH, 20, 15), st.integers(0, 20), st.integers(0, 2**32 - 1))
