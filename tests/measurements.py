@@ -14,7 +14,8 @@ from ident.mechanism.drives import Drive
 from ident.model.regressor import drive_names
 from ident.recordings.stated import Tracker
 from ident.tolerances import DRIVE
-from ident.trajectory.fit.piece import Noise
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.fit.piece import Noise, Piece, Point
 
 
 def random_measurement(
@@ -68,10 +69,16 @@ def at(measurement, name):
     return measurement.names.index(name)
 
 
-def random_noise(rng, coordinates, channels):
-    """Noise of coordinates and channels, correlated over time."""
-    n, C = coordinates, channels
-    return Noise(
+def random_point(rng, m):
+    """A piece of samples with gaps and without readings, at a random trajectory and θ, with correlated noise."""
+    n, C = m.coordinates, len(m.equations.channels)
+    time = np.cumsum(rng.uniform(0.02, 0.06, 45))
+    time[30:] += 0.4
+    when = time[0] + np.cumsum(rng.uniform(0.02, 0.05, 50))
+    spline = Spline.over(time[0] - 0.2, time[-1] + 0.2, 0.2)
+    c, theta = rng.normal(size=(spline.size, n)), rng.normal(size=len(m.names))
+    theta[len(m.equations.names) :] *= 0.01
+    noise = Noise(
         states=rng.uniform(0.005, 0.02, size=n),
         channels=rng.uniform(5, 10, size=C),
         jerk=rng.uniform(1e-3, 1e-2, size=n),
@@ -80,3 +87,6 @@ def random_noise(rng, coordinates, channels):
         floor_states=np.zeros(n),
         floor_channels=np.zeros(C),
     )
+    readings, wrenches = np.zeros((len(when), C)), rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
+    late = len(m.components)  # Joint torques are on the angles' clock.
+    return Point(Piece(spline, time, np.zeros((len(time), n)), when, readings, wrenches, 0.3, late), c, theta, noise)

@@ -7,6 +7,7 @@ from functools import cache
 import driven_arm
 import numpy as np
 import pytest
+from mechanisms import sines
 from recorded_faults import PENDULUM, estimated, faulty
 
 import ident
@@ -25,11 +26,6 @@ from ident.setup import PRIORS
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 
-@cache
-def ordinary():
-    return ident.identify(PENDULUM, faulty(), estimator="ordinary", cutoff=5.0)
-
-
 def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
     """Also if the set-up makes errors of parameters anticorrelated."""
     estimate = estimated()
@@ -42,14 +38,17 @@ def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
 
 
 def test_condition_numbers_are_those_of_the_regressor_as_it_is_and_with_unit_norm():
-    prepared, part = ordinary().logs[0]
-    base = find_base_parameters(PENDULUM)
+    ordinary, base = (
+        ident.identify(PENDULUM, faulty(), estimator="ordinary", cutoff=5.0),
+        find_base_parameters(PENDULUM),
+    )
+    prepared, part = ordinary.logs[0]
     Y = base_wrench_regressor(PENDULUM.tree, *prepared.samples[part].motion.states, gravity=PENDULUM.gravity)
     Y = base.reduce(Y).reshape(-1, base.rank)
-    numbers = ordinary().condition_numbers
+    numbers = ordinary.condition_numbers
     np.testing.assert_allclose(numbers["raw"], np.linalg.cond(Y), rtol=1e-9)
     np.testing.assert_allclose(numbers["unit_norm"], np.linalg.cond(Y / np.linalg.norm(Y, axis=0)), rtol=1e-9)
-    assert numbers["weighted"] == ordinary().condition_number
+    assert numbers["weighted"] == ordinary.condition_number
 
 
 TRUE = {
@@ -59,6 +58,8 @@ TRUE = {
     "K(lift)": 8.0,
 }
 """Drives that the links do not absorb."""
+
+EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
 @cache
@@ -81,8 +82,7 @@ def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
 
 
 def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
-    exact = dict.fromkeys(PRIORS, 0.0)
-    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=exact, known=False)
+    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=EXACT, known=False)
     std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
     z = {name: (values(estimate)[name] - value) / std[name] for name, value in TRUE.items()}
     assert max(map(abs, z.values())) < 3.5, z
@@ -115,8 +115,7 @@ def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     torque = recording["bend_torque"].copy()
     torque[: round(0.7 * len(torque))] = 0.0
     flat = replace(recording, measured={**recording.measured, "bend_torque": torque})
-    exact = dict.fromkeys(PRIORS, 0.0)
-    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=exact)
+    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=EXACT)
     assert estimate.channels == ("turn", "lift")
     k = estimate.base.names.index("Izz1")
     assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
@@ -128,15 +127,20 @@ MODEL = parameters_from_com(0.675, [0, 0, -0.434], np.diag([0.003, 0.003, 0.0005
 ROD = Mechanism(Tree((Body("rod", BASE, np.eye(4), HINGE, "hinge"),)), np.array([0, 0, -9.81]), MODEL)
 
 
-def log(center=0.15, inertia=0.003, *, hand=False):
-    """A rod of the model's mass with another centre, whose motor a hand may relieve of the inertia."""
+@cache
+def log():
+    """A rod of the model's mass with another centre, 0.15 m from the hinge."""
     rng, t = np.random.default_rng(0), np.arange(0, 12, 0.02)
-    waves = [(0.9, 1.7, 0), (0.5, 3.1, 1), (0.3, 4.3, 2), (0.2, 5.9, 3)]
-    q, ddq = (sum(a * w**k * np.sin(w * t + p) * (-1) ** (k // 2) for a, w, p in waves) for k in (0, 2))
-    total = (inertia + 0.675 * center**2) * (not hand)
-    torque = total * ddq + 0.675 * 9.81 * center * np.sin(q)
+    q, _, ddq = sines(t, np.array([0.9, 0.5, 0.3, 0.2]), np.array([1.7, 3.1, 4.3, 5.9]), np.arange(4))
+    torque = (0.003 + 0.675 * 0.15**2) * ddq + 0.675 * 9.81 * 0.15 * np.sin(q)
     q = q + 1e-4 * rng.normal(size=len(t))
     return Recording(t, {"hinge_position": q, "hinge_torque": torque + 0.01 * rng.normal(size=len(t))})
+
+
+@cache
+def free():
+    """The bodies of an estimate without prior."""
+    return ident.identify(ROD, log()).consistent()
 
 
 @pytest.mark.parametrize("std", [0.0, 0.01])
@@ -147,8 +151,7 @@ def test_a_stated_mass_binds_the_bodies(std):
     assert full.attainable and full.phi[0] == pytest.approx(0.675, rel=1e-4 + 2 * std)
     assert full.values[0, 3] == pytest.approx(-0.15, abs=0.01)
     assert full.intervals[0, 3, 0] < -0.15 < full.intervals[0, 3, 1]
-    free = ident.identify(ROD, log()).consistent()
-    assert not free.rows[0].determined and free.intervals[0, 0, 0] < 0.675 and free.intervals[0, 0, 1] == np.inf
+    assert not free().rows[0].determined and free().intervals[0, 0, 0] < 0.675 and free().intervals[0, 0, 1] == np.inf
 
 
 @pytest.mark.parametrize("known", [None, True])
@@ -162,22 +165,15 @@ def test_a_model_without_masses_is_identified(known):
     assert all(len(repr(x)) < 12 for x in (drives.viscous, drives.coulomb, drives.rotor)) and drives.coulomb < 0.01
 
 
-SAMPLES = 600
-
-
-@pytest.fixture
-def files(tmp_path):
-    """A model, two recordings of it, and options."""
-    spec = scenes.load("double_pendulum")
-    for seed, name in enumerate(("run.csv", "other.csv")):
-        sim.simulate(spec, DOUBLE_PENDULUM, samples=SAMPLES, seed=seed).save(tmp_path / name)
-    (tmp_path / "arm.xml").write_text(spec.to_xml(), encoding="utf-8")
-    return [str(tmp_path / "arm.xml"), str(tmp_path / "run.csv"), "--base", "base", "--out", str(tmp_path / "out")]
-
-
 @pytest.mark.usefixtures("undrawn", "here")
-def test_commands_and_python_agree(tmp_path, files, capsys):
-    model, log, held_out = (tmp_path / name for name in ("arm.xml", "run.csv", "other.csv"))
+def test_commands_and_python_agree(tmp_path, capsys):
+    model, *logs = (tmp_path / name for name in ("arm.xml", "run.csv", "other.csv"))
+    spec = scenes.load("double_pendulum")
+    model.write_text(spec.to_xml(), encoding="utf-8")
+    for seed, path in enumerate(logs):
+        sim.simulate(spec, DOUBLE_PENDULUM, samples=600, seed=seed).save(path)
+    log, held_out = logs
+    files = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]
     files += ["--no-offsets", "--held-out", str(held_out)]
     ordinary = ["--estimator", "ordinary", "--holdout", "0", "--name", "whole"]
     assert identify.main([*files, *ordinary]) == stream.main([*files, "--name", "former"]) == 0

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refusal
+from mechanisms import by_joint, sines
 from scipy import special
 
 import scenes
@@ -31,33 +32,44 @@ INERTIA = 0.4 * MASS * RADIUS**2
 TRUE = parameters_from_com(MASS, CENTRE, INERTIA * np.eye(3))
 
 
-def arm_log(seed, *, loaded, seconds=8.0, scale=1.0):
-    """Angles and joint torques of the arm, whose joints rub, with or without a ball at its tool."""
-    spec = scenes.load("arm")
-    if loaded:
-        ball = spec.body("tool").add_body(name="ball", pos=CENTRE)
-        ball.mass, ball.ipos, ball.inertia, ball.explicitinertial = MASS, [0, 0, 0], [INERTIA] * 3, True
-    motion = sinusoids(np.random.default_rng(seed), 4, seconds)
-    log = simulate(spec, motion, samples=round(100 * seconds), seed=seed)
-    joints = mechanism(MODEL, "base").joints
-    torques = {f"{joint}_torque": scale * log.measured[f"{joint}_torque"] for joint in joints}
-    angles = {f"{joint}_position": log.measured[f"{joint}_position"] for joint in joints}
-    return replace(log, measured=angles | torques, true={}, noise={})
-
-
 @pytest.fixture(scope="module")
 def arm():
     return mechanism(MODEL, "base")
 
 
 @pytest.fixture(scope="module")
-def logs():
-    return arm_log(0, loaded=False), arm_log(1, loaded=True)
+def logs(arm):
+    """Angles and joint torques of the arm, whose joints rub, without and with a ball at its tool."""
+    logs, kept = [], {f"{joint}_{kind}" for joint in arm.joints for kind in ("position", "torque")}
+    for seed, loaded in enumerate((False, True)):
+        spec = scenes.load("arm")
+        if loaded:
+            ball = spec.body("tool").add_body(name="ball", pos=CENTRE)
+            ball.mass, ball.ipos, ball.inertia, ball.explicitinertial = MASS, [0, 0, 0], [INERTIA] * 3, True
+        log = simulate(spec, sinusoids(np.random.default_rng(seed), 4, 8.0), samples=800, seed=seed)
+        own = {name: x for name, x in log.measured.items() if name in kept}
+        logs.append(replace(log, measured=own, true={}, noise={}))
+    return tuple(logs)
 
 
 @pytest.fixture(scope="module")
 def load(arm, logs):
     return identify_load(arm, *logs, body="tool")
+
+
+def codes(load, doubt=False):
+    return {finding.code for finding in load.findings if finding.doubt or not doubt}
+
+
+def with_theta(estimate, theta):
+    """An estimate with other parameters."""
+    return replace(estimate, search=replace(estimate.search, fit=replace(estimate.fit, theta=theta)))
+
+
+def columns_of(load, body):
+    """What the base parameters are for the φ of a body (r, 10)."""
+    at = 10 * load.robot.bodies.index(body)
+    return load.without.base.regroup(np.eye(10 * len(load.robot.bodies))[at : at + 10]).T
 
 
 def test_a_load_is_weighed_by_torques_alone(load):
@@ -73,23 +85,19 @@ def test_a_load_is_weighed_by_torques_alone(load):
 
 def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_shows_open(load, arm):
     """Torques show one moment of inertia of what is on the first link, whose axis is vertical."""
-    body = arm.bodies[1]
-    columns = load.without.base.regroup(np.eye(10 * len(arm.bodies))[10:20]).T
-    size = np.repeat([arm.mass, 1.0], [1, 9])
+    columns, size = columns_of(load, arm.bodies[1]), np.repeat([arm.mass, 1.0], [1, 9])
     joint = joint_fit(load.without.trajectory, load.estimate.trajectory, columns, size, np.zeros(10))
-    on_link = replace(load, body=body, joint=joint)
     hidden = ~columns.any(axis=0)
     assert hidden.any()
     np.testing.assert_allclose(np.sqrt(np.diag(joint.fit.covariance)[:10][hidden]), size[hidden], rtol=1e-6)
-    assert not on_link.in_frame().identifiable[0]
+    assert not replace(load, body=arm.bodies[1], joint=joint).in_frame().identifiable[0]
 
 
 def test_a_small_load_keeps_the_mass_that_torques_show(load):
     """Its centre is uncertain by far more than a ball of its mass is wide, so that the ball must not hold it."""
     phi = np.array([0.04, 0, -0.02, 0, 0, 0, 0, 0, 0, 0])
     noise = np.diag(np.array([0.015, 0.01, 0.006, 0.008, *6 * [0.002]]) ** 2)
-    theta = np.concatenate([phi, load.joint.fit.theta[10:]])
-    small = replace(load, joint=replace(load.joint, search=replace(load.joint.search, fit=_at(load.joint, theta))))
+    small = replace(load, joint=with_theta(load.joint, np.concatenate([phi, load.joint.fit.theta[10:]])))
     small.__dict__["_covariances"] = noise, noise
     values = small.in_frame().values
     assert abs(values[0] - 0.04) < 0.01 and values[2] > -0.35
@@ -111,24 +119,39 @@ def test_a_load_whose_mass_alone_is_known_is_usable_for_that(load, monkeypatch):
 @pytest.mark.parametrize(("stated", "doubted"), [(MASS, False), (10 * MASS, True), (0.1 * MASS, True)])
 def test_a_stated_mass_is_doubted_where_the_torques_contradict_it(load, stated, doubted):
     own = replace(load, weighed=(stated, 1e-4 * stated), unweighed=load.joint)
-    assert ("load_weighs_another" in {finding.code for finding in own.findings if finding.doubt}) is doubted
+    assert ("load_weighs_another" in codes(own, doubt=True)) is doubted
 
 
 def test_what_a_load_does_not_explain_widens_its_intervals(load):
     """A change of what both recordings share, such as a cable's pull, in one of them."""
-    full, body = load.estimate.trajectory, load.robot.bodies.index("tool")
-    columns = load.without.base.regroup(np.eye(10 * len(load.robot.bodies))[10 * body : 10 * body + 10]).T
+    full, columns = load.estimate.trajectory, columns_of(load, "tool")
     assert load.differing[0] < special.chdtri(load.differing[1], 1e-3)
-    assert "load_recordings_differ" not in {finding.code for finding in load.findings}
+    assert "load_recordings_differ" not in codes(load)
     shift = np.where(full.fit.free & (np.arange(len(full.fit.theta)) < len(columns)), 8.0, 0.0)
     shift *= np.sqrt(np.diag(full.fit.covariance)) * (-1.0) ** np.arange(len(shift))
-    moved = replace(full, search=replace(full.search, fit=_at(full, full.fit.theta + shift)))
+    moved = with_theta(full, full.fit.theta + shift)
     apart = replace(load, differing=differing(load.without.trajectory, moved, columns, load.joint))
     assert apart.differing[1] == load.differing[1]
     factor = np.sqrt(apart.differing[0] / apart.differing[1])
     assert factor > 2
     np.testing.assert_allclose(apart.in_frame().std[0] / factor, np.sqrt(load.joint.fit.covariance[0, 0]), rtol=0.01)
-    assert "load_recordings_differ" in {finding.code for finding in apart.findings}
+    assert "load_recordings_differ" in codes(apart)
+
+
+def hinged(*links):
+    """Links on hinges about y, one on the other, by name, mass, inertia, place and centre."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody
+    for name, mass, inertia, z, centre in links:
+        body = body.add_body(name=name, pos=[0, 0, z], mass=mass, ipos=[0, 0, centre])
+        body.inertia, body.explicitinertial = [inertia, inertia, 1e-3], True
+        body.add_joint(name=f"{name}_hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    return mechanism(spec)
+
+
+def recorded(arm, rng, time, q, torque):
+    noise = 1e-4 * rng.normal(size=q.shape), 0.02 * rng.normal(size=q.shape)
+    return Recording(time, by_joint(arm.tree.joints, position=q + noise[0], torque=torque + noise[1]))
 
 
 def test_what_equal_motions_repeat_in_both_recordings_does_not_move_a_load():
@@ -136,29 +159,17 @@ def test_what_equal_motions_repeat_in_both_recordings_does_not_move_a_load():
 
     It cancels in the difference: over 16 simulations the mass is off by 0.9 g (root mean square), as without it.
     """
-    spec, body = mujoco.MjSpec(), None
-    for name, mass, z in (("upper", 1.2, 1.0), ("fore", 0.8, -0.3)):
-        body = (body or spec.worldbody).add_body(name=name, pos=[0, 0, z], mass=mass, ipos=[0, 0, -0.15])
-        body.inertia, body.explicitinertial = [0.01, 0.01, 1e-3], True
-        body.add_joint(name=f"{name}_hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
-    arm, rng, time, period = mechanism(spec), np.random.default_rng(0), np.arange(0, 18, 0.01), 6.0
-    w = 2 * np.pi / period * np.arange(1, 40)
-    angle, amplitudes = np.multiply.outer(time, w), np.zeros((39, 2))
-    amplitudes[:5] = np.array([[0.5, 0.35, 0.2, 0.12, 0.08], [0.6, 0.3, 0.25, 0.1, 0.1]]).T
-    late = rng.uniform(0, 2 * np.pi, (39, 2))
-    waves = [np.sin(angle[..., None] + late + k * np.pi / 2) for k in range(3)]
-    states = [(x * amplitudes * w[:, None] ** k).sum(axis=1) for k, x in enumerate(waves)]
-    cause = (np.sin(angle[..., None] + rng.uniform(0, 6, (39, 2))) / np.sqrt(np.arange(1, 40))[:, None]).sum(axis=1)
-    cause *= 0.1 / cause.std(axis=0)
+    arm = hinged(("upper", 1.2, 0.01, 1.0, -0.15), ("fore", 0.8, 0.01, -0.3, -0.15))
+    rng, time, w = np.random.default_rng(0), np.arange(0, 18, 0.01), 2 * np.pi / 6.0 * np.arange(1, 40)
+    size = np.zeros((2, 39))
+    size[:, :5] = [0.5, 0.35, 0.2, 0.12, 0.08], [0.6, 0.3, 0.25, 0.1, 0.1]
+    states = sines(time, size, w, rng.uniform(0, 2 * np.pi, (2, 39)))
+    cause, *_ = sines(time, np.ones((2, 1)) / np.sqrt(np.arange(1, 40)), w, rng.uniform(0, 6, (2, 39)))
     Y, logs = joint_torque_regressor(arm.tree, *states, gravity=arm.gravity), []
     for mass in (0, 0.105):
-        phi = (
-            arm.known + np.r_[np.zeros(10), parameters_from_com(mass, np.array([0, 0, -0.25]), mass * 1e-3 * np.eye(3))]
-        )
-        torque = Y @ phi + cause + 0.02 * rng.normal(size=cause.shape)
-        x = np.hstack([states[0] + 1e-4 * rng.normal(size=cause.shape), torque]).T
-        names = [f"{joint}_{kind}" for kind in ("position", "torque") for joint in arm.tree.joints]
-        logs.append(Recording(time, dict(zip(names, x, strict=True))))
+        load = parameters_from_com(mass, np.array([0, 0, -0.25]), mass * 1e-3 * np.eye(3))
+        torque = Y @ (arm.known + np.r_[np.zeros(10), load]) + 0.1 * cause / cause.std(axis=0)
+        logs.append(recorded(arm, rng, time, states[0], torque))
     weighed = identify_load(arm, *logs, body="fore").in_frame()
     assert abs(weighed.values[0] - 0.105) < 0.004
     # By the noise alone 2 g: each recording's mass is uncertain by what repeats, the difference of the two is not.
@@ -167,27 +178,16 @@ def test_what_equal_motions_repeat_in_both_recordings_does_not_move_a_load():
 
 def test_a_load_may_explain_all_that_recordings_share():
     """One hinge without friction shows three parameters, and a load on its link changes all of them."""
-    spec = mujoco.MjSpec()
-    link = spec.worldbody.add_body(name="link", mass=2, ipos=[0, 0, -0.25], inertia=[0.04, 0.04, 1e-3])
-    link.explicitinertial = True
-    link.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
-    time, rng = np.arange(0, 6, 0.01), np.random.default_rng(0)
-    w, a = 2 * np.pi * np.array([[0.5], [1.3]]), np.array([[0.8], [0.4]])
-    q, ddq = (a * np.sin(w * time)).sum(axis=0), (-a * w**2 * np.sin(w * time)).sum(axis=0)
-    logs = []
-    for first, inertia in ((0.5, 0.165), (1.0, 0.415)):
-        torque = inertia * ddq + 9.81 * first * np.sin(q) + 0.02 * rng.normal(size=len(q))
-        logs.append(Recording(time, {"hinge_position": q + 1e-4 * rng.normal(size=len(q)), "hinge_torque": torque}))
-    load = identify_load(mechanism(spec), *logs, body="link")
+    arm, time, rng = hinged(("link", 2, 0.04, 0, -0.25)), np.arange(0, 6, 0.01), np.random.default_rng(0)
+    q, _, ddq = sines(time, np.array([[0.8, 0.4]]), 2 * np.pi * np.array([[0.5, 1.3]]), 0.0)
+    logs = [
+        recorded(arm, rng, time, q, inertia * ddq + 9.81 * first * np.sin(q))
+        for first, inertia in ((0.5, 0.165), (1.0, 0.415))
+    ]
+    load = identify_load(arm, *logs, body="link")
     assert load.differing[1] == 0
     assert load.joint.fit.theta[3] == pytest.approx(-0.5, abs=0.01)
-    assert np.isfinite(load.in_frame().std_setup).all()
-    assert "load_recordings_differ" not in {finding.code for finding in load.findings}
-
-
-def _at(estimate, theta):
-    """The fit of an estimate with other parameters."""
-    return replace(estimate.fit, theta=theta)
+    assert np.isfinite(load.in_frame().std_setup).all() and "load_recordings_differ" not in codes(load)
 
 
 @pytest.mark.slow
@@ -208,7 +208,17 @@ def test_a_box_in_a_hand_is_weighed_by_plates():
     )
 
 
-def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatch):
+@pytest.fixture(scope="module")
+def files(logs, tmp_path_factory):
+    """A folder with both logs, and the command's arguments."""
+    folder = tmp_path_factory.mktemp("logs")
+    for name, log in zip(("empty", "full"), logs, strict=True):
+        log.save(folder / f"{name}.npz")
+    empty, full = (str(folder / f"{name}.npz") for name in ("empty", "full"))
+    return folder, [str(MODEL), empty, "--loaded", full, "--base", "base", "--out", str(folder)]
+
+
+def test_the_command_weighs_a_load(files, arm, load, logs, capsys, monkeypatch):
     """The same recordings as the estimate's, which takes the place of another one."""
 
     def identified(robot, without, loaded, *, body, mass, **_):
@@ -218,14 +228,11 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
         return load
 
     monkeypatch.setattr("ident.payload.load.identify_load", identified)
-    for name, log in zip(("empty", "full"), logs, strict=True):
-        log.save(tmp_path / f"{name}.npz")
-    files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]
-    options = ["--body", "tool", "--name", "out", "--out", str(tmp_path), "--formats", "svg", "--verbose"]
-    assert payload.main([*files, *options]) == 0
+    folder, arguments = files
+    assert payload.main([*arguments, "--body", "tool", "--name", "out", "--formats", "svg", "--verbose"]) == 0
     printed = capsys.readouterr().out
     assert "The load, in the frame of 'tool'" in printed and "Verdict: Usable" in printed
-    written = json.loads((tmp_path / "out" / "payload.json").read_text(encoding="utf-8"))
+    written = json.loads((folder / "out" / "payload.json").read_text(encoding="utf-8"))
     assert abs(written["frames"]["tool"]["values"][0] - MASS) < 0.1
 
 
@@ -233,28 +240,25 @@ def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatc
     ("given", "message"),
     [
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
-        ({"body": "tool", "mass": -1.0}, "mass needs a number above 0"),
-        ({"body": "tool", "mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
-        ({"body": "tool", "loaded": []}, "A load needs recordings without it and with it"),
+        ({"mass": -1.0}, "mass needs a number above 0"),
+        ({"mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
+        ({"loaded": []}, "A load needs recordings without it and with it"),
     ],
 )
 def test_bad_input_is_one_sentence(arm, logs, given, message):
-    without, loaded = logs
     with pytest.raises(InputError, match=message):
-        identify_load(arm, without, **{"loaded": loaded, **given})
-    with pytest.raises(InputError, match="one of them is given twice: most samples of number 2 are those of number 1"):
-        identify_load(arm, without, without, body="tool")
+        identify_load(arm, logs[0], **{"loaded": logs[1], "body": "tool", **given})
+    with pytest.raises(InputError, match="one of them is given twice"):
+        identify_load(arm, logs[0], logs[0], body="tool")
 
 
-def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monkeypatch, capsys):
+def test_a_columns_file_states_the_body_with_the_load(files, arm, logs, monkeypatch, capsys):
     """In Python each log has its own file; the command shares one among logs with and without the load."""
-    columns = tmp_path / "columns.toml"
-    columns.write_text('[load]\nbody = "tool"\n', encoding="utf-8")
-    for name, log in zip(("empty", "full"), logs, strict=True):
-        log.save(tmp_path / f"{name}.npz")
-    full = read_log(tmp_path / "full.npz", arm, columns)
-    full.save(tmp_path / "again.npz")
-    assert full.loaded == Recording.load(tmp_path / "again.npz").loaded == "tool"
+    (folder, arguments), shared = files, []
+    (folder / "columns.toml").write_text('[load]\nbody = "tool"\n', encoding="utf-8")
+    full = read_log(folder / "full.npz", arm, folder / "columns.toml")
+    full.save(folder / "again.npz")
+    assert full.loaded == Recording.load(folder / "again.npz").loaded == "tool"
     with pytest.raises(InputError, match="A log states a load on 'tool'"):
         identify(arm, full)
     other = replace(full, loaded="lift")
@@ -262,17 +266,15 @@ def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monke
         with pytest.raises(InputError, match="recordings state one on lift and tool"):
             identify_load(arm, **given)
     with pytest.raises(InputError, match=r"load\.body needs one of .*got nose"):
-        read_log(tmp_path / "full.npz", arm, {"load": {"body": "nose"}})
+        read_log(folder / "full.npz", arm, {"load": {"body": "nose"}})
 
-    shared = []
     monkeypatch.setattr("ident.payload.load.identified", lambda ready, **_: shared.append(len(ready)) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        identify_load(arm, [logs[0], full, arm_log(2, loaded=False, seconds=2.0)])
-    assert shared == [2]
-
+        identify_load(
+            arm, [logs[0], full, replace(logs[0], measured={k: 1.01 * x for k, x in logs[0].measured.items()})]
+        )
     monkeypatch.setattr("ident.payload.load.identify_load", lambda *_, body, **__: shared.append(body) or 1 / 0)
-    files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]
     with pytest.raises(ZeroDivisionError):
-        payload.main([*files, "--columns", str(columns), "--out", str(tmp_path / "out")])
+        payload.main([*arguments, "--columns", str(folder / "columns.toml")])
     assert shared == [2, "tool"]
-    assert "payload needs --body NAME, or [load]" in refusal(payload.main, files, capsys)
+    assert "payload needs --body NAME, or [load]" in refusal(payload.main, arguments, capsys)

@@ -29,20 +29,19 @@ TRUE = {f"{column}({motor})": x for column, own in MOTOR_DRIVES.items() for moto
 NOISE = 4e-4  # Noise of the motors' torques, N m.
 
 
-def arm(bend=(1, 0, 0), **drives):
+def arm(**drives):
     """The arm with another axis of its last joint, and drives of its joints by attribute."""
     mjcf = driven_arm.text(**driven_arm.NONE | drives)
-    mjcf = mjcf.replace('name="bend" axis="0 1 0"', 'name="bend" axis="{} {} {}"'.format(*bend))
+    mjcf = mjcf.replace('name="bend" axis="0 1 0"', 'name="bend" axis="1 0 0"')
     return mjcf.replace('pos="0.15 0.01 0"', 'pos="0.15 0.04 0.02"')
 
 
 @cache
-def columns(seed=1, bend=(1, 0, 0)):
+def columns(seed=1):
     """Columns of a log in which lift and bend are recorded by their motors, which have rotors and friction."""
     rng = np.random.default_rng(seed)
     t, q, dq, ddq = driven_arm.motion(rng)
-    model = mujoco.MjModel.from_xml_string(arm(bend))
-    torque, _ = inverse_dynamics(model, q, dq, ddq)
+    torque, _ = inverse_dynamics(mujoco.MjModel.from_xml_string(arm()), q, dq, ddq)
     turns, speeds_up = dq[:, 1:] @ MATRIX.T, ddq[:, 1:] @ MATRIX.T
     Ia, Fv, Fc = map(np.array, MOTOR_DRIVES.values())
     of_motors = torque[:, 1:] @ np.linalg.inv(MATRIX) + Ia * speeds_up + Fv * turns
@@ -54,40 +53,40 @@ def columns(seed=1, bend=(1, 0, 0)):
     return out | dict(zip(("i1", "i2"), of_motors.T / 0.05, strict=True))
 
 
-def mapping(friction="motors"):
+def mapping():
     torques = [{"column": name, "gain": 0.05, "unit": "A"} for name in ("i1", "i2")]
     wrist = {"joints": ["lift", "bend"], "matrix": MATRIX.tolist(), "position": ["a1", "a2"], "torque": torques}
-    return {"motors": {"wrist": wrist | {"friction": friction}}}
+    return {"motors": {"wrist": wrist | {"friction": "motors"}}}
 
 
-def mechanism(bend=(1, 0, 0), **drives):
-    return sim.mechanism(mujoco.MjSpec.from_string(arm(bend, **drives)))
+def mechanism(**drives):
+    return sim.mechanism(mujoco.MjSpec.from_string(arm(**drives)))
 
 
-@cache
-def estimate(friction="motors", **options):
-    return ident.identify(mechanism(), columns(), columns=mapping(friction), **options)
+def by_name(estimate):
+    """Values and standard deviations of what was fitted."""
+    fit = estimate.fit
+    return dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
 
 
 def test_rotors_and_friction_of_coupled_motors_are_identified():
-    fit = estimate().fit
-    std = dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
+    estimate = ident.identify(mechanism(), columns(), columns=mapping())
+    fitted = by_name(estimate)
     for name, true in TRUE.items():
-        value, own = std[name]
-        assert abs(value - true) < 1.96 * own < 0.02 * true, name
-    assert not {"Fv(lift)", "Fv(bend)", "Ia(bend)"} & set(std) and {"Fv(turn)", "Fc(turn)"} <= set(std)
+        value, std = fitted[name]
+        assert abs(value - true) < 1.96 * std < 0.02 * true, name
+    assert not {"Fv(lift)", "Fv(bend)", "Ia(bend)"} & set(fitted) and {"Fv(turn)", "Fc(turn)"} <= set(fitted)
     # The residual is the noise of the motors, as the joints have it.
     noise = NOISE * np.sqrt((MATRIX**2).sum(axis=0))
-    assert estimate().trajectory.fit.channel_noise[1:] == pytest.approx(noise, rel=0.05)
-    assert [estimate()[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
+    assert estimate.trajectory.fit.channel_noise[1:] == pytest.approx(noise, rel=0.05)
+    assert [estimate[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
 
 
 @pytest.mark.slow
 def test_intervals_hold_the_motors_drives_as_often_as_they_say():
     z = []
     for seed in range(4):
-        fit = ident.identify(mechanism(), columns(seed), columns=mapping()).fit
-        own = dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
+        own = by_name(ident.identify(mechanism(), columns(seed), columns=mapping()))
         z.append([(own[name][0] - true) / own[name][1] for name, true in TRUE.items()])
     assert (np.abs(z) < 1.96).mean() > 0.9 and np.sqrt(np.square(z).mean()) < 1.3
 
@@ -113,30 +112,28 @@ MASSES = dict(zip(("column", "upper", "fore", "tool"), (1.2, 0.85, 1.15, 1.25), 
 EXACT = {"mass": 0, "center": 0, "inertia": 0}
 
 
-def loaded_arm(payload, factors=None):
-    """MuJoCo's specification of the arm with a payload of a mass on its tool, and factors on the bodies' masses."""
+def loaded_arm(**factors):
+    """MuJoCo's specification of the arm with a payload of 5 kg on its tool, and factors on the bodies' masses."""
     spec = scenes.load("arm")
-    for name, factor in (factors or {}).items():
+    for name, factor in factors.items():
         body = spec.body(name)
         body.mass, body.fullinertia = body.mass * factor, body.fullinertia * factor
     weight = spec.body("tool").add_body(name="payload", pos=(0.05, 0.1, 0.02))
-    weight.mass, weight.inertia, weight.ipos = payload, [2e-3 * payload] * 3, (0, 0.02, 0.01)
+    weight.mass, weight.inertia, weight.ipos = 5.0, [0.01] * 3, (0, 0.02, 0.01)
     weight.explicitinertial = True
     return spec
 
 
 @cache
-def loaded_columns(payload, seed=0, seconds=8.0, rate=100.0):
+def loaded_columns():
     """Columns of a log of angles and of torques whose scale is wrong."""
-    rng, spec = np.random.default_rng(seed), loaded_arm(payload, MASSES)
+    rng, spec, t = np.random.default_rng(0), loaded_arm(**MASSES), np.arange(800) / 100
     for joint in JOINTS:
         spec.joint(joint).frictionloss = 0
-    model = spec.compile()
-    t = np.arange(round(seconds * rate)) / rate
     amplitude, phase = rng.uniform(0.08, 0.3, (4, 5)), rng.uniform(0, 2 * np.pi, (4, 5))
     q, dq, ddq = sines(t, amplitude, 2 * np.pi * 0.15 * np.arange(1, 6), phase)
     q += np.array([0, -0.4, 0.8, 0.3])
-    torque, _ = inverse_dynamics(model, q, dq, ddq)
+    torque, _ = inverse_dynamics(spec.compile(), q, dq, ddq)
     torque += COULOMB * np.tanh(dq / 0.003) + TORQUE_NOISE * rng.normal(size=q.shape)
     q += 1e-4 * rng.normal(size=q.shape)
     return {"time": t} | by_joint(JOINTS, position=q, torque=(STATED * torque.T).T)
@@ -147,15 +144,10 @@ def loaded_mapping(**known):
     return {"joints": of_joints, "known": {"mass": 0.3, "center": 0.02, **known}}
 
 
-@cache
-def loaded_estimate(payload):
-    arm, mapping = sim.mechanism(loaded_arm(payload)), loaded_mapping(payload=EXACT)
-    return ident.identify(arm, loaded_columns(payload), columns=mapping)
-
-
 @pytest.mark.slow
 def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
-    result = loaded_estimate(5.0)
+    arm, mapping = sim.mechanism(loaded_arm()), loaded_mapping(payload=EXACT)
+    result = ident.identify(arm, loaded_columns(), columns=mapping)
     assert set(result.scales) == set(JOINTS)
     for scale, std in result.scales.values():
         assert abs(scale * STATED - 1) < 1.96 * std * STATED < 1.96 * 0.03
@@ -165,8 +157,8 @@ def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
 
 
 def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
-    robot = sim.mechanism(loaded_arm(5.0))
-    log = ident.read_log(loaded_columns(5.0), robot, loaded_mapping(payload=EXACT, tool={"center": False}))
+    robot = sim.mechanism(loaded_arm())
+    log = ident.read_log(loaded_columns(), robot, loaded_mapping(payload=EXACT, tool={"center": False}))
     assert log.known == {"mass": 0.3, "center": 0.02}
     assert log.known_bodies == {"payload": EXACT, "tool": {"center": 0.0}}
     log.save(tmp_path / "log.npz")
@@ -180,11 +172,9 @@ def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
     ("known", "message"),
     [
         ({"load": {"mass": 0}}, r"\[known.load\] needs the name of a body, one of base, column, .*payload"),
-        ({"payload": {"mass": -1}}, "known.payload.mass needs a standard deviation, zero or false, got -1"),
-        ({"payload": {"weight": 1}}, r"\[known.payload\] has no entry 'weight'; valid are mass, center, inertia"),
         ({"payload": 0}, r"\[known\] has no entry 'payload'; valid are mass, center, inertia"),
     ],
 )
 def test_bad_deviations_of_bodies_are_one_sentence(known, message):
     with pytest.raises(LogError, match=message):
-        ident.read_log(loaded_columns(5.0), sim.mechanism(loaded_arm(5.0)), loaded_mapping(**known))
+        ident.read_log(loaded_columns(), sim.mechanism(loaded_arm()), loaded_mapping(**known))

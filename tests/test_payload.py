@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
+from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.payload.beyond_sensor import identify_payload
 from ident.payload.identified_payload import described
 from ident.recordings.wrench import Sensor
@@ -29,21 +29,16 @@ def arm(**options):
 
 
 @cache
-def heavy_hand():
-    """A heavier model of the tool than the true one."""
-    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool={**wrist.TOOL, "mass": 0.25})))
-
-
-@cache
-def light(seed):
-    """Estimate of the light tool."""
-    return identify_payload(heavy_hand(), wrist.log(seed, seconds=8.0), **GIVEN)
+def log(**faults):
+    return wrist.log(seconds=8.0, **faults)
 
 
 def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
+    """With a heavier model of the tool than the true one."""
+    heavier = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool={**wrist.TOOL, "mass": 0.25})))
     distances = []
     for seed in range(2):
-        payload = light(seed)
+        payload = identify_payload(heavier, log(seed=seed), **GIVEN)
         body = payload.in_frame()
         assert abs(body.values[0] - TRUTH[0]) < 0.002
         assert np.linalg.norm(body.values[1:4] - TRUTH[1:4]) < 0.003
@@ -55,7 +50,7 @@ def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
 
 
 def test_a_late_sensor_is_found_and_named():
-    payload = identify_payload(arm(), wrist.log(seconds=8.0, delay=4), **GIVEN)
+    payload = identify_payload(arm(), log(delay=4), **GIVEN)
     delay = next(each for each in payload.sensor_parameters if each.name == "delay(wrist)")
     assert [*delay.to_dict().values()] == [*delay[:4]]
     assert delay.taken_out and abs(delay.value - 0.04) < 4 * delay.std
@@ -66,14 +61,14 @@ def test_a_late_sensor_is_found_and_named():
 
 def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     """Slow turns do not determine inertias; fast turns of a heavy tool do."""
-    payload = identify_payload(arm(stated=False), wrist.log(seconds=8.0), **GIVEN)
+    payload = identify_payload(arm(stated=False), log(), **GIVEN)
     body = payload.in_frame()
     assert not body.identifiable[4:].all() and payload.model is None
     assert payload.verdict().inertia_within is None and coded(payload, "payload_inertia_unknown")
     assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
     heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
-    log = wrist.log(text=wrist.model(tool=heavy), seconds=8.0, size=1.5)
-    body = identify_payload(arm(stated=False), log, **GIVEN).in_frame()
+    fast = log(text=wrist.model(tool=heavy), size=1.5)
+    body = identify_payload(arm(stated=False), fast, **GIVEN).in_frame()
     assert body.identifiable.all()
     assert (np.abs(body.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * body.std_setup).all()
 
@@ -82,23 +77,26 @@ def test_bodies_welded_to_the_tool_count_and_the_robot_gets_them():
     inertial = '<inertial mass="0.05" pos="0 0 0.01" diaginertia="2e-5 2e-5 1e-5"/>'
     cap = f'<body name="cap" pos="0 0.02 0.08">{inertial}</body>'
     robot = arm(beyond=cap)
-    payload = identify_payload(robot, wrist.log(text=wrist.model(beyond=cap), seconds=8.0), **GIVEN)
-    T = np.eye(4)
-    T[:3, 3] = 0, 0.02, 0.08
+    payload = identify_payload(robot, log(text=wrist.model(beyond=cap)), **GIVEN)
     total = parameters_from_com(TRUTH[0], TRUTH[1:4], symmetric(TRUTH[4:]))
-    total = total + parameter_transform(T) @ parameters_from_com(0.05, [0, 0, 0.01], np.diag([2e-5, 2e-5, 1e-5]))
-    np.testing.assert_array_less(np.abs(payload.in_frame().values - described(total)), 4 * payload.in_frame().std)
-    np.testing.assert_allclose(payload.phi_of_robot()[:70], robot.known[:70])
-    np.testing.assert_allclose(payload.phi_of_robot()[[70, 80]].sum(), payload.in_frame().values[0])
+    total = total + parameters_from_com(0.05, [0, 0.02, 0.09], np.diag([2e-5, 2e-5, 1e-5]))
+    body, phi = payload.in_frame(), payload.phi_of_robot()
+    np.testing.assert_array_less(np.abs(body.values - described(total)), 4 * body.std)
+    np.testing.assert_allclose(phi[:70], robot.known[:70])
+    np.testing.assert_allclose(phi[[70, 80]].sum(), body.values[0])
 
 
 def test_a_sensor_may_be_on_what_carries_the_tool_and_the_flange_is_any_frame_beside_it():
-    log = wrist.log(seconds=8.0, sign=-1)
     place = wrist.sensors()["wrist"].pose.copy()
     place[2, 3] += 0.107
-    upstream = replace(log, sensors={"wrist": Sensor("link7", place, False)})
-    on_tool = replace(log, sensors=wrist.sensors(applied_to_link=False))
-    on_link = replace(log, sensors={"wrist": Sensor("link7", place, True)})
+    upstream, on_link, on_tool = (
+        replace(log(sign=-1), sensors=sensors)
+        for sensors in (
+            {"wrist": Sensor("link7", place, False)},
+            {"wrist": Sensor("link7", place, True)},
+            wrist.sensors(applied_to_link=False),
+        )
+    )
     first, second = (identify_payload(arm(), each, **GIVEN) for each in (on_link, on_tool))
     np.testing.assert_allclose(first.in_frame().values, second.in_frame().values, rtol=1e-6)
     with pytest.raises(ident.InputError, match="they have the opposite sign"):
@@ -112,9 +110,8 @@ def test_a_sensor_may_be_on_what_carries_the_tool_and_the_flange_is_any_frame_be
 
 @pytest.mark.parametrize(("scale", "doubt"), [(1e3, False), (1e6 / 3.8, True)], ids=["mN", "counts"])
 def test_a_payload_above_the_robot_s_mass_is_in_another_unit(scale, doubt):
-    log = wrist.log(seconds=4.0)
-    log = replace(log, measured={k: x * (scale if "wrist" in k else 1) for k, x in log.measured.items()})
-    payload = identify_payload(arm(), log, **GIVEN)
+    measured = {name: x * (scale if "wrist" in name else 1) for name, x in log().measured.items()}
+    payload = identify_payload(arm(), replace(log(), measured=measured), **GIVEN)
     (finding,) = coded(payload, "payload_mass_unlikely")
     assert finding.doubt == doubt and finding.values["robot"] == pytest.approx(arm().mass)
     assert (payload.verdict().outcome.value == "not") == doubt and "In mN it would be" in finding.text
@@ -125,11 +122,11 @@ def test_a_payload_above_the_robot_s_mass_is_in_another_unit(scale, doubt):
 
 def test_a_weight_that_the_controller_has_taken_out_is_no_payload():
     """The rest of it weighs something, but neither weight nor motion explain the forces."""
-    log, bare = wrist.log(seconds=8.0), wrist.log(seconds=8.0, text=wrist.model(tool={**wrist.TOOL, "mass": 0.08}))
-    rng, wander = np.random.default_rng(0), np.cumsum(np.random.default_rng(1).normal(size=(len(log.time), 3)), axis=0)
-    force = log["wrist_force"] - bare["wrist_force"] + 0.3 * wander / wander.std(axis=0)
-    log = replace(log, measured={**log.measured, "wrist_force": force + 0.01 * rng.normal(size=force.shape)})
-    payload = identify_payload(arm(), log, **GIVEN)
+    whole, bare, rng = log(), log(text=wrist.model(tool={**wrist.TOOL, "mass": 0.08})), np.random.default_rng(0)
+    wander, noise = rng.normal(size=(2, len(whole.time), 3))
+    wander = np.cumsum(wander, axis=0)
+    force = whole["wrist_force"] - bare["wrist_force"] + 0.3 * wander / wander.std(axis=0) + 0.01 * noise
+    payload = identify_payload(arm(), replace(whole, measured={**whole.measured, "wrist_force": force}), **GIVEN)
     (finding,) = coded(payload, "payload_forces_unexplained")
     assert finding.doubt and set(finding.values["ratios"]) <= {"Fx", "Fy", "Fz"}
     assert payload.verdict().outcome.value == "not" and "payload to 0 kg" in finding.text
@@ -137,36 +134,29 @@ def test_a_weight_that_the_controller_has_taken_out_is_no_payload():
 
 @pytest.mark.parametrize("euler", [(30, -50, 140), (180, 0, 0)])
 def test_a_sensor_in_other_axes_than_stated_is_refused_with_those_it_seems_to_have(euler):
-    log = wrist.log(seconds=8.0)
-    sensor = log.sensors["wrist"]
+    sensor = log().sensors["wrist"]
     wrong = sensor.pose.copy()
     wrong[:3, :3] = sensor.pose[:3, :3] @ Rotation.from_euler("xyz", euler, degrees=True).as_matrix()
     with pytest.raises(ident.InputError, match="far better in axes turned by") as refused:
-        identify_payload(arm(), replace(log, sensors={"wrist": Sensor("tool", wrong)}), **GIVEN)
+        identify_payload(arm(), replace(log(), sensors={"wrist": Sensor("tool", wrong)}), **GIVEN)
     quaternion = [float(x) for x in str(refused.value).split("[")[1].split("]")[0].split(",")]
     looks_like = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     np.testing.assert_allclose(looks_like, sensor.pose[:3, :3], atol=0.1)
 
 
-def swaying(log):
-    T = np.tile(np.eye(4), (len(log.time), 1, 1))
-    T[:, 2, 3] = 0.01 * np.sin(log.time)
-    return T
-
-
 def test_what_cannot_be_a_payload_is_refused():
-    log = wrist.log(seconds=8.0)
     finger = '<body name="finger"><joint name="grip"/><geom size="0.01"/></body>'
-    still = wrist.log(seconds=8.0, size=1e-3)
+    usual, swaying = log(), np.tile(np.eye(4), (len(log().time), 1, 1))
+    swaying[:, 2, 3] = 0.01 * np.sin(usual.time)
+    on_link, on_hand = (replace(usual, sensors={"wrist": Sensor(name)}) for name in ("link3", "hand"))
     for robot, recording, given, error, message in (
-        (arm(), log, {"body": "hand"}, ident.InputError, "no body 'hand'"),
-        (arm(), log, {"sensor": "foot"}, ident.LogError, "needs the wrench 'foot', its wrenches are 'wrist'"),
-        (arm(beyond=finger), log, {}, ident.InputError, r"hold them where they stand \(--fix grip\)"),
-        (arm(), still, {}, ident.ExcitationError, "keeps its direction to gravity"),
-        (arm(), [], {}, ident.InputError, "at least one recording"),
-        (arm(), replace(log, base=swaying(log)), {}, ident.InputError, "moving base"),
-        (arm(), replace(log, sensors={"wrist": Sensor("link3")}), {}, ident.InputError, "'wrist' is on 'link3'"),
-        (arm(), replace(log, sensors={"wrist": Sensor("hand")}), {}, ident.InputError, "no body 'hand' for the wrench"),
+        (arm(), usual, {"body": "hand"}, ident.InputError, "no body 'hand'"),
+        (arm(), usual, {"sensor": "foot"}, ident.LogError, "needs the wrench 'foot', its wrenches are 'wrist'"),
+        (arm(beyond=finger), usual, {}, ident.InputError, r"hold them where they stand \(--fix grip\)"),
+        (arm(), log(size=1e-3), {}, ident.ExcitationError, "keeps its direction to gravity"),
+        (arm(), replace(usual, base=swaying), {}, ident.InputError, "moving base"),
+        (arm(), on_link, {}, ident.InputError, "'wrist' is on 'link3'"),
+        (arm(), on_hand, {}, ident.InputError, "no body 'hand' for the wrench"),
     ):
         with pytest.raises(error, match=message):
             identify_payload(robot, recording, **{**GIVEN, **given})

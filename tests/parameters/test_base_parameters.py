@@ -6,16 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanisms import (
-    GRAVITY,
-    SCREWS,
-    double_pendulum,
-    random_phi,
-    random_states,
-    random_tree,
-    regrouping_error,
-    tilted_axis,
-)
+from mechanisms import GRAVITY, SCREWS, double_pendulum, random_states, random_tree, regrouping_error, tilted_axis
 from random_models import random_model
 from scipy import linalg
 
@@ -33,13 +24,20 @@ from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 TABLE_NAMES = list(paper.TABLE_3)
 
 
-def regressor_of(tree, samples=60, seed=0):
-    states = random_states(np.random.default_rng(seed), tree, samples)
-    return base_wrench_regressor(tree, *states, gravity=GRAVITY)
+def regressor_of(tree, samples=60, gravity=GRAVITY):
+    return base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, samples), gravity=gravity)
 
 
 def base_of(tree, **options):
     return find_base_parameters(regressor_of(tree), parameter_names(len(tree.inertial)), **options)
+
+
+def assert_regroups(base, Y):
+    """Checks that the dependent columns' combinations hold, and that the kept ones are well apart."""
+    kept = base.reduce(Y).reshape(-1, base.rank)
+    assert regrouping_error(base, Y) <= 1e-10
+    assert np.linalg.cond(kept / np.linalg.norm(kept, axis=0)) <= 1e7
+    assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1]
 
 
 def test_double_pendulum_has_the_papers_base_parameters():
@@ -49,40 +47,22 @@ def test_double_pendulum_has_the_papers_base_parameters():
         *("m1 + m2 + m3", "m1rx1 + m2rx2 + m3rx3", "m1ry1", "m2ry2", "m2rz2 + 0.425 m3", "Ixx2 + 0.180625 m3"),
         *("Ixy2", "Ixz2 - 0.425 m3rx3", "m3ry3", "m3rz3", "Ixx3", "Ixy3", "Ixz3"),
     )
-    assert set(base.unseen) == {
-        *("m1rz1", "Ixx1", "Iyy1", "Izz1", "Ixy1", "Ixz1", "Iyz1"),
-        *("Iyy2", "Izz2", "Iyz2", "Iyy3", "Izz3", "Iyz3"),
-    }
+    unseen = "m1rz1 Ixx1 Iyy1 Izz1 Ixy1 Ixz1 Iyz1 Iyy2 Izz2 Iyz2 Iyy3 Izz3 Iyz3"
+    assert set(base.unseen) == set(unseen.split())
 
 
-@pytest.mark.parametrize("tilt_deg", [10.0**-k for k in range(-1, 13, 3)])
+@pytest.mark.parametrize("tilt_deg", [10, 1e-2, 1e-5, 1e-11])
 def test_parallel_axes_have_rank_13_however_little_they_tilt(tilt_deg):
     axis = tilted_axis(tilt_deg, 120)
     tree = double_pendulum(axis, axis)
     assert base_of(tree).rank == find_base_parameters(tree).rank == 13
-
-
-def test_parallel_tilted_axes_have_rank_13_in_other_columns():
-    axis = tilted_axis(5, 120)
-    base = base_of(double_pendulum(axis, axis))
     expected = "m1 m1rx1 m1ry1 m2rx2 m2ry2 Ixx2 Iyy2 Izz2 m3rx3 m3ry3 Ixx3 Iyy3 Izz3"
-    assert base.names == tuple(expected.split())
+    assert tilt_deg < 10 or base_of(tree).names == tuple(expected.split())
 
 
-@pytest.mark.parametrize("difference_deg", [1e-3, 0.01, 1, 90])
+@pytest.mark.parametrize("difference_deg", [1e-3, 1, 90])
 def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
     assert base_of(double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))).rank == 15
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_regrouping_predicts_the_same_wrench(seed):
-    rng = np.random.default_rng(seed)
-    tree = random_tree(rng)
-    base, phi = base_of(tree), random_phi(rng, len(tree.inertial))
-    Y = regressor_of(tree, samples=20, seed=99)
-    expected = Y @ phi
-    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-8 * abs(expected).max())
-    assert base.rank == np.linalg.matrix_rank(Y.reshape(-1, Y.shape[-1]), tol=1e-8 * np.linalg.norm(Y))
 
 
 @pytest.mark.parametrize(
@@ -90,46 +70,12 @@ def test_regrouping_predicts_the_same_wrench(seed):
     [
         (["m1", "m9"], "named m9"),
         (TABLE_NAMES[:-1], "12 names of rank 12, where the regressor has rank 13"),
-        ([*TABLE_NAMES[:-1], "m2"], "13 names of rank 12"),
         ([*TABLE_NAMES[:-1], "Iyy2"], "13 names of rank 12"),
     ],
 )
 def test_pinned_names_that_are_no_basis_are_refused(kept, message):
     with pytest.raises(ValueError, match=message):
         base_of(double_pendulum(), kept=kept)
-
-
-def test_kept_columns_span_the_regressor_of_every_tree():
-    check_regroupings(12)
-
-
-def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():
-    """The first independent columns of a chain in general position get ten times as dependent with each joint."""
-    rng = np.random.default_rng(0)
-    short = find_base_parameters(random_tree(rng, 5, kinds=("revolute",), chain=True))
-    assert short.passed_over == () and short.remark == ""
-    far = find_base_parameters(random_tree(rng, 40, kinds=("revolute",), chain=True))
-    assert far.rank == 7 * 39 + 1
-    assert set(far.passed_over) <= {far.parameters[k] for k in far.dependent}
-    assert far.remark.endswith(f"{', '.join(far.passed_over)}.")
-
-
-@pytest.mark.parametrize("length", [1e-4, 1e-2, 1e3])
-def test_regrouping_holds_in_any_unit_of_length(length):
-    rng = np.random.default_rng(1)
-    tree = random_tree(rng, 15)
-    metres = find_base_parameters(tree, gravity=GRAVITY)
-    bodies = []
-    for body in tree.bodies:
-        home, twist = body.home.copy(), body.twist.copy()
-        home[:3, 3] *= length
-        twist[:3] *= length if twist[3:].any() else 1
-        bodies.append(replace(body, home=home, twist=twist))
-    scaled = Tree(tuple(bodies))
-    base = find_base_parameters(scaled, gravity=GRAVITY)
-    Y = base_wrench_regressor(scaled, *random_states(rng, scaled, 100), gravity=GRAVITY)
-    assert base.rank == metres.rank
-    assert regrouping_error(base, Y) <= 1e-10
 
 
 def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
@@ -142,6 +88,46 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     for given in ({"kept": 3}, {"kept": [1]}, {"kept": np.ones(2)}, {"parameters": 3}):
         with pytest.raises(InputError, match=f"{next(iter(given))} needs a list of names of parameters, got"):
             find_base_parameters(Y, **{"parameters": "pqr", **given})
+
+
+def tree_of_any_kind(seed, bodies):
+    """Trees and chains of all kinds of joints, with gravity any way or none."""
+    rng = np.random.default_rng(seed)
+    if seed % 4 == 3:
+        model = random_model(rng, bodies)
+        return tree_from_model(model, "b0"), gravity_in_base(model, "b0")
+    kinds = {"massless": 0.1} if seed % 4 == 0 else {"kinds": SCREWS} if seed % 4 == 1 else {"kinds": ("revolute",)}
+    return random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
+
+
+@pytest.mark.parametrize(("seed", "bodies"), [(1, 3), (2, 5), (3, 8), (4, 12), (6, 20), (7, 28), (8, 40), (9, 50)])
+def test_kept_columns_span_the_regressor_of_every_tree(seed, bodies):
+    tree, gravity = tree_of_any_kind(seed, bodies)
+    base = find_base_parameters(tree, gravity=gravity)
+    assert_regroups(base, regressor_of(tree, 40 + 5 * len(tree.bodies), gravity))
+
+
+def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():
+    """The first independent columns of a chain in general position get ten times as dependent with each joint."""
+    rng = np.random.default_rng(0)
+    short, far = (find_base_parameters(random_tree(rng, n, kinds=("revolute",), chain=True)) for n in (5, 40))
+    assert short.passed_over == () and short.remark == ""
+    assert far.rank == 7 * 39 + 1
+    assert set(far.passed_over) <= {far.parameters[k] for k in far.dependent}
+    assert far.remark.endswith(f"{', '.join(far.passed_over)}.")
+
+
+@pytest.mark.parametrize("length", [1e-4, 1e3])
+def test_regrouping_holds_in_any_unit_of_length(length):
+    tree, bodies = random_tree(np.random.default_rng(1), 15), []
+    for body in tree.bodies:
+        home, twist = body.home.copy(), body.twist.copy()
+        home[:3, 3] *= length
+        twist[:3] *= length if twist[3:].any() else 1
+        bodies.append(replace(body, home=home, twist=twist))
+    base = find_base_parameters(Tree(tuple(bodies)), gravity=GRAVITY)
+    assert base.rank == find_base_parameters(tree, gravity=GRAVITY).rank
+    assert regrouping_error(base, regressor_of(Tree(tuple(bodies)), 100)) <= 1e-10
 
 
 def plainly_exchanged(order, made, largest):
@@ -165,12 +151,11 @@ def plainly_exchanged(order, made, largest):
 @pytest.mark.parametrize("largest", [1.5, 10, 1e3])
 def test_exchanges_within_a_bound_equal_the_plain_way(largest, monkeypatch):
     monkeypatch.setattr(independent_columns, "COEFFICIENTS", (largest, largest))
-    for seed in range(8):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         columns = rng.normal(size=(30, 12)) @ (rng.normal(size=(12, 30)) * rng.uniform(0, 1, size=(12, 30)) ** 3)
-        unit = columns / np.linalg.norm(columns, axis=0)
+        unit, made = columns / np.linalg.norm(columns, axis=0), np.empty((12, 30))
         triangle, order = linalg.qr(unit, mode="r", pivoting=True)
-        made = np.empty((12, 30))
         made[:, order] = linalg.solve_triangular(triangle[:12, :12], triangle[:12])
         assert independent_columns.first_independent(unit, 12, 0.0) == plainly_exchanged(order[:12], made, largest)
 
@@ -181,40 +166,10 @@ DM_CONTROL = find_spec("dm_control")
 @pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not installed; make test-extras does")
 @pytest.mark.extras
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
-def test_kept_columns_span_the_regressor(animal):
+def test_kept_columns_span_the_regressor_of_animals(animal):
     model = compiled(Path(DM_CONTROL.submodule_search_locations[0], "locomotion/walkers/assets", animal))
     tree = tree_from_model(model, ignore=[coupling.name for coupling in couplings(model)])
     gravity = gravity_in_base(model)
     base = find_base_parameters(tree, gravity=gravity)
-    Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 300), gravity=gravity)
-    assert regrouping_error(base, Y) <= 1e-10 and unit_condition(base, Y) <= 1e7
-    assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1] and base.passed_over
-
-
-def unit_condition(base, Y):
-    """Condition number of the kept columns at unit length."""
-    kept = base.reduce(Y).reshape(-1, base.rank)
-    return np.linalg.cond(kept / np.linalg.norm(kept, axis=0))
-
-
-def tree_of_any_kind(seed, bodies):
-    """Trees and chains of all kinds of joints, with gravity any way or none."""
-    rng = np.random.default_rng(seed)
-    if seed % 4 == 3:
-        model = random_model(rng, bodies)
-        return rng, tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    kinds = {"massless": 0.1} if seed % 4 == 0 else {"kinds": SCREWS} if seed % 4 == 1 else {"kinds": ("revolute",)}
-    return rng, random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
-
-
-def check_regroupings(trees):
-    """Checks trees of 2 to 60 bodies: the dependent columns' combinations hold at new states."""
-    for seed, bodies in enumerate(np.geomspace(2, 60, trees).astype(int)):
-        rng, tree, gravity = tree_of_any_kind(seed, bodies)
-        Y = base_wrench_regressor(tree, *random_states(rng, tree, 40 + 5 * len(tree.bodies)), gravity=gravity)
-        if not Y.any():
-            continue
-        base = find_base_parameters(tree, gravity=gravity)
-        assert regrouping_error(base, Y) <= 1e-10, (seed, bodies)
-        assert unit_condition(base, Y) <= 1e7, (seed, bodies)
-        assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1], (seed, bodies)
+    assert_regroups(base, regressor_of(tree, 300, gravity))
+    assert base.passed_over

@@ -27,42 +27,39 @@ from ident.parameters.prior import KNOWN, guessed
 from ident.parameters.structure import Sensors
 from ident.payload.identified_payload import GUESSED
 
-SEEDS = range(4)
 
-
-def mechanism(seed, bodies=None):
+def problem(seed, bodies=None):
+    """Base parameters of random bodies, the bodies, other ones as a prior, and a covariance."""
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, bodies)
     base, count = find_base_parameters(tree), len(tree.inertial)
     root = rng.normal(size=(base.rank, base.rank))
-    covariance = 1e-4 * (root @ root.T + np.eye(base.rank))
-    return rng, tree, base, random_phi(rng, count), random_phi(rng, count), covariance
+    return base, random_phi(rng, count), random_phi(rng, count), 1e-4 * (root @ root.T + np.eye(base.rank))
 
 
 def assert_physical(phi):
     assert (np.linalg.eigvalsh(bodies(phi)) > 0).all()
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(2))
 def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_prior(seed):
     """The gradient `P⁻¹ - J⁻¹` of the convex divergence is zero in all directions that keep ψ."""
-    _, _, base, truth, prior, covariance = mechanism(seed)
+    base, truth, prior, covariance = problem(seed)
     consistent = consistent_parameters(base.regroup(truth), covariance, base, prior)
     gradient = np.linalg.inv(bodies(prior)) - np.linalg.inv(bodies(consistent.phi))
-    along = np.einsum("bij,kij->bk", gradient, pseudo_inertia(np.eye(10))).ravel()
-    A = regrouping(base)
+    along, A = np.einsum("bij,kij->bk", gradient, pseudo_inertia(np.eye(10))).ravel(), regrouping(base)
     np.testing.assert_allclose(A.T @ np.linalg.lstsq(A.T, along, rcond=None)[0], along, atol=1e-7 * abs(gradient).max())
     ratio = np.linalg.solve(bodies(prior), bodies(consistent.phi))
     divergence = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4
     np.testing.assert_allclose(consistent.divergence, divergence, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", SEEDS[::2])
+@pytest.mark.parametrize("seed", [0, 2])
 def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(seed):
     """Compared with a search over all `J = L Lᵀ` that starts at the solution."""
-    rng, _, base, truth, prior, covariance = mechanism(seed, 3)
+    base, truth, prior, covariance = problem(seed, 3)
     psi = base.regroup(truth)
-    psi = psi - abs(psi) * rng.uniform(2, 4, size=len(psi))
+    psi = psi - abs(psi) * np.random.default_rng(seed).uniform(2, 4, size=len(psi))
     consistent = consistent_parameters(psi, covariance, base, prior)
     assert not consistent.attainable
     assert_physical(consistent.phi)
@@ -85,14 +82,13 @@ def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(
     assert consistent.distance**2 <= (1 + 1e-3 * max(1, larger / 10)) * best.fun
 
 
-@pytest.mark.parametrize(("seed", "attainable"), [*((k, True) for k in SEEDS[::2]), (0, False), (4, False)])
+@pytest.mark.parametrize(("seed", "attainable"), [(0, True), (0, False), (4, False)])
 def test_units_do_not_matter(seed, attainable):
     """Tonnes and millimetres give the same bodies."""
-    _, _, base, truth, prior, covariance = mechanism(seed)
+    base, truth, prior, covariance = problem(seed)
     psi = base.regroup(truth) if attainable else -base.regroup(truth)
-    mass, length = 1e-3, 1e3
     power = [0 if name == "m" else 1 if name.startswith("mr") else 2 for name in PARAMETERS]
-    scale = np.tile(mass * length ** np.array(power, float), len(prior) // 10)
+    scale = np.tile(1e-3 * 1e3 ** np.array(power, float), len(prior) // 10)
     kept, dependent = scale[list(base.kept)], scale[list(base.dependent)]
     scaled = replace(base, beta=kept[:, None] * base.beta / dependent)
     consistent = consistent_parameters(psi, covariance, base, prior)
@@ -104,7 +100,7 @@ def test_units_do_not_matter(seed, attainable):
 
 
 def test_a_prior_without_mass_or_extent_is_raised_to_a_minimum():
-    _, _, base, truth, prior, covariance = mechanism(4, 4)
+    base, truth, prior, covariance = problem(4, 4)
     prior[:10] = prior[11:20] = 0
     prior[34] = -1
     physical = physical_prior(prior)
@@ -118,7 +114,7 @@ def test_a_prior_without_mass_or_extent_is_raised_to_a_minimum():
 def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
     """A multiplier λ bounds the divergence of all J with ψ within d: `λᵀψ - d |λ| + Σ log det(P⁻¹ - A*λ) P`."""
     unattainable = 0
-    for seed in range(20):
+    for seed in range(12):
         base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
         consistent = consistent_parameters(psi, covariance, base, prior)
         unattainable += not consistent.attainable
@@ -129,30 +125,26 @@ def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
         sign, volume = np.linalg.slogdet((inverse - np.tensordot(multiplier, A, 1)) @ bodies(prior))
         assert (sign > 0).all()
         assert consistent.divergence.sum() <= 1.001 * (multiplier @ psi - room + volume.sum())
-    assert unattainable >= 8
+    assert unattainable >= 5
 
 
 def test_what_makes_no_sense_is_refused_in_a_sentence():
-    _, _, base, truth, prior, covariance = mechanism(0)
-    psi, b = base.regroup(truth), len(prior) // 10
-    negative, empty, infinite = prior.copy(), 0 * prior, prior.copy()
-    negative[10], infinite[3] = -1, np.inf
-    skew, still = covariance.copy(), covariance.copy()
-    skew[0, 1] += 1
+    base, truth, prior, covariance = problem(0)
+    psi, unit, names = base.regroup(truth), np.eye(len(prior)), [f"link{k}" for k in range(len(prior) // 10)]
+    skew, still = covariance + np.eye(base.rank, k=1), covariance.copy()
     still[0] = still[:, 0] = 0
     odd = replace(base, parameters=(*base.parameters, "Ia(u)"))
-    names = [f"link{k}" for k in range(b)]
     for args, message in [
         ((psi[1:], covariance, base, prior), "This regrouping needs ψ"),
         ((psi, covariance[1:], base, prior), "This regrouping needs ψ"),
         ((psi, covariance, base, prior[:-1]), "This regrouping needs ψ"),
         ((psi, covariance, odd, prior), "leave drives out of it"),
         ((psi * np.nan, covariance, base, prior), "finite numbers"),
-        ((psi, covariance, base, infinite), "finite numbers"),
+        ((psi, covariance, base, np.where(unit[3], np.inf, prior)), "finite numbers"),
         ((psi, skew, base, prior), "symmetric and positive definite"),
         ((psi, still, base, prior), "positive variance; it is not for m1"),
-        ((psi, covariance, base, negative), "at least zero; negative: link1"),
-        ((psi, covariance, base, empty), "A prior needs mass and extent"),
+        ((psi, covariance, base, np.where(unit[10], -1, prior)), "at least zero; negative: link1"),
+        ((psi, covariance, base, 0 * prior), "A prior needs mass and extent"),
     ]:
         with pytest.raises(ValueError, match=message):
             consistent_parameters(*args, bodies=names)
@@ -161,91 +153,85 @@ def test_what_makes_no_sense_is_refused_in_a_sentence():
 EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
 """All ten parameters of one body as base parameters."""
 
-TORQUES = Sensors(base_wrench=False, joint_torques=True)
 ROD = parameters_from_com(0.675, [0, 0, -0.434], np.diag([0.003, 0.003, 0.0005]))
-HINGE = np.array([0.0, 0, 0, 0, 1, 0])
+ARM = Mechanism(Tree((Body("rod", BASE, np.eye(4), np.array([0.0, 0, 0, 0, 1, 0]), "hinge"),)), GRAVITY, ROD)
+OF_TORQUE = find_base_parameters(ARM, sensors=Sensors(base_wrench=False, joint_torques=True))
+"""The base parameters of the torque of a rod on a hinge: `m rx`, `m rz` and `Iyy`."""
+
+STD = np.array([1e-3, 3e-3, 6e-4])
 
 
-def pendulum(prior=ROD):
-    """A rod on a hinge, with the base parameters of its torque: `m rx`, `m rz` and `Iyy`."""
-    arm = Mechanism(Tree((Body("rod", BASE, np.eye(4), HINGE, "hinge"),)), GRAVITY, prior)
-    return arm, find_base_parameters(arm, sensors=TORQUES)
-
-
-def estimated(psi, std, base, arm, **given):
-    return consistent_parameters(psi, np.diag(np.square(std)), base, guessed(arm), bodies=arm.bodies, **given)
+def estimated(psi, **given):
+    return consistent_parameters(psi, np.diag(STD**2), OF_TORQUE, guessed(ARM), bodies=ARM.bodies, **given)
 
 
 def test_bounds_of_a_pendulum_are_those_of_its_cone():
     """The mass has a lower limit alone, `(m rz)²/Iyy` at its least within 3.84 of the estimate."""
-    arm, base = pendulum()
-    assert base.names == ("m1rx1", "m1rz1", "Iyy1")
-    psi, std = np.array([0, -0.1012, 0.0182]), np.array([1e-3, 3e-3, 6e-4])
-    full = estimated(psi, std, base, arm)
+    assert OF_TORQUE.names == ("m1rx1", "m1rz1", "Iyy1")
+    psi = np.array([0, -0.1012, 0.0182])
+    full = estimated(psi)
     least = minimize(
-        lambda x: (psi[1] + x[0] * std[1]) ** 2 / (psi[2] + x[1] * std[2]),
+        lambda x: (psi[1] + x[0] * STD[1]) ** 2 / (psi[2] + x[1] * STD[2]),
         [0, 0],
         constraints={"type": "ineq", "fun": lambda x: 3.84 - x @ x},
     ).fun
     lower, upper = full.intervals[0, 0]
     assert lower == pytest.approx(least, rel=5e-3) and upper == np.inf
-    np.testing.assert_allclose(full.intervals[0, 5], psi[2] + np.array([-1.96, 1.96]) * std[2], rtol=2e-3)
+    np.testing.assert_allclose(full.intervals[0, 5], psi[2] + np.array([-1.96, 1.96]) * STD[2], rtol=2e-3)
     mass, height = full.rows[0], full.rows[QUANTITIES.index("centre y")]
     assert mass.words == f"not determined (more than {lower:.3g})" and mass.share == 0
     assert height.words == "not determined" and not np.isfinite(height.upper)
 
 
-@pytest.mark.slow
-def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases(noise=0.03):
-    inside = 0
-    for seed in range(100):
-        rng = np.random.default_rng(seed)
-        truth, root = random_phi(rng, 1), rng.normal(size=(10, 10))
-        C = noise**2 * (root @ root.T + 0.1 * np.eye(10)) * np.outer(abs(truth), abs(truth))
-        full = consistent_parameters(measured(rng, truth, C), C, EVERY, random_phi(rng, 1), width=1.0)
-        limits, own = full.intervals[0], with_centers(truth)[0]
-        inside += (limits[:, 0] <= own) & (own <= limits[:, 1])
-    assert 0.93 <= np.sum(inside) / 1000 <= 0.97 and np.min(inside) >= 88
-
-
-def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
-    """A measuring tape, guessed to be a ball of thrice its moments; a width from its mass would keep the ball."""
-    std = np.repeat([1.5e-4, 1e-5, 2e-5], [1, 3, 6])
-    z, com = [], np.array([0, 0, 0.027])
-    tape, ball = (parameters_from_com(0.136, com, np.diag(x)) for x in ([3.5e-5, 5.7e-5, 3.1e-5], 3 * [9e-5]))
-    for seed in range(10):
-        psi = tape + std * np.random.default_rng(seed).normal(size=10)
-        full = consistent_parameters(psi, np.diag(std**2), EVERY, ball, width=GUESSED)
-        z.append((full.phi - tape) / std)
-    assert np.sqrt(np.mean(np.square(z), axis=0)).max() < 1.6
-    kept = consistent_parameters(psi, np.diag(std**2), EVERY, ball)
-    assert np.abs((kept.phi - tape) / std).max() > 2
-
-
-def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():
-    """Links of which base parameters are known alone, whose intervals are those of the set."""
-    inside = []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        tree, count = random_tree(rng, 3 + seed % 3, ("revolute",), chain=True), 3 + seed % 3
-        base, truth = find_base_parameters(tree), random_phi(rng, count)
-        C = weighed(tree, base, truth, rng, 0.02)
-        full = consistent_parameters(measured(rng, base.regroup(truth), C), C, base, random_phi(rng, count))
-        limits, own = full.intervals, with_centers(truth)
-        inside.append(((limits[..., 0] <= own) & (own <= limits[..., 1])).mean())
-    assert np.mean(inside) >= 0.95
-
-
 def test_what_a_prior_states_binds_the_bodies():
     """A rod of the model's mass whose centre is at a third of the model's."""
-    arm, base = pendulum()
-    arm = replace(arm, prior_known={"rod": {"mass": 0}})
     psi, none = np.array([0, -0.10125, 0.0181875]), Rotors.none(3)
-    full = estimated(psi, [1e-3, 3e-3, 6e-4], base, arm)
+    arm, full = replace(ARM, prior_known={"rod": {"mass": 0}}), estimated(psi)
     for _ in range(3):
-        known = BodyPrior.of(arm, base, KNOWN, none, used=True, at=full.phi)
-        full = estimated(psi, [1e-3, 3e-3, 6e-4], base, arm, known=known)
+        full = estimated(psi, known=BodyPrior.of(arm, OF_TORQUE, KNOWN, none, used=True, at=full.phi))
     assert full.attainable and full.phi[0] == pytest.approx(0.675, rel=1e-4)
     assert full.values[0, 3] == pytest.approx(-0.15, abs=5e-4) and full.rows[0].words == "0.675 (as stated)"
     lower, upper = full.intervals[0, 3]
     assert -0.165 < lower < -0.155 and -0.145 < upper < -0.135 and full.rows[3].determined
+
+
+def inside(full, truth):
+    limits, own = full.intervals, with_centers(truth)
+    return (limits[..., 0] <= own) & (own <= limits[..., 1])
+
+
+@pytest.mark.slow
+def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases():
+    count = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        truth, root = random_phi(rng, 1), rng.normal(size=(10, 10))
+        C = 0.03**2 * (root @ root.T + 0.1 * np.eye(10)) * np.outer(abs(truth), abs(truth))
+        full = consistent_parameters(measured(rng, truth, C), C, EVERY, random_phi(rng, 1), width=1.0)
+        count += inside(full, truth)[0]
+    assert 0.93 <= np.sum(count) / 1000 <= 0.97 and np.min(count) >= 88
+
+
+def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():
+    """Links of which base parameters are known alone, whose intervals are those of the set."""
+    shares = []
+    for seed in range(4):
+        rng, count = np.random.default_rng(seed), 3 + seed % 3
+        tree = random_tree(rng, count, ("revolute",), chain=True)
+        base, truth = find_base_parameters(tree), random_phi(rng, count)
+        C = weighed(tree, base, truth, rng, 0.02)
+        full = consistent_parameters(measured(rng, base.regroup(truth), C), C, base, random_phi(rng, count))
+        shares.append(inside(full, truth).mean())
+    assert np.mean(shares) >= 0.95
+
+
+def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
+    """A measuring tape, guessed to be a ball of thrice its moments; a width from its mass would keep the ball."""
+    std, z = np.repeat([1.5e-4, 1e-5, 2e-5], [1, 3, 6]), []
+    tape, ball = (parameters_from_com(0.136, [0, 0, 0.027], np.diag(x)) for x in ([3.5e-5, 5.7e-5, 3.1e-5], 3 * [9e-5]))
+    for seed in range(6):
+        psi = tape + std * np.random.default_rng(seed).normal(size=10)
+        full, kept = (consistent_parameters(psi, np.diag(std**2), EVERY, ball, **w) for w in ({"width": GUESSED}, {}))
+        z.append((full.phi - tape) / std)
+    assert np.sqrt(np.mean(np.square(z), axis=0)).max() < 1.6
+    assert np.abs((kept.phi - tape) / std).max() > 2

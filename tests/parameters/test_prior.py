@@ -24,7 +24,6 @@ from ident.parameters.prior import (
     known_covariances,
     parameters_identified,
 )
-from sim.models.model_mechanism import mechanism
 
 CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
 BODIES = {
@@ -34,8 +33,11 @@ BODIES = {
 }
 
 
-def drawn(phi, known, count, rng):
-    """φ of bodies with errors of mass, centre of mass and central inertia (count, 10)."""
+@pytest.mark.parametrize("known", [KNOWN, {"mass": 0.4, "center": 0.02, "inertia": 0.1}], ids=["usual", "other"])
+@pytest.mark.parametrize("body", BODIES)
+def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
+    """With errors of mass, centre of mass and central inertia."""
+    rng, count, phi = np.random.default_rng(0), 50_000, BODIES[body]
     mass, center, inertia = com_from_parameters(phi)
     values, axes = np.linalg.eigh(inertia)
     root = (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
@@ -46,16 +48,7 @@ def drawn(phi, known, count, rng):
     tensor = inertia + known["inertia"] * root @ ((G + G.swapaxes(1, 2)) / 2) @ root
     squares = np.sum(c**2, axis=1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
     tensor += m[:, None, None] * squares
-    return np.column_stack(
-        [m, m[:, None] * c, *(tensor[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))]
-    )
-
-
-@pytest.mark.parametrize("known", [KNOWN, {"mass": 0.4, "center": 0.02, "inertia": 0.1}], ids=["usual", "other"])
-@pytest.mark.parametrize("body", BODIES)
-def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
-    phi, count = BODIES[body], 50_000
-    off = drawn(phi, known, count, np.random.default_rng(0)) - phi
+    off = np.column_stack([m, m[:, None] * c, tensor[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]]) - phi
     products = off[:, :, None] * off[:, None, :]
     error = products.std(axis=0) / np.sqrt(count)
     assert (abs(products.mean(axis=0) - body_covariance(phi, known)) <= 5 * error + 1e-12).all()
@@ -74,56 +67,43 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     phi, std = conditioned(arm, base, measured, noise, included=False)
     direct = S @ B.T @ np.linalg.inv(before + noise)
     np.testing.assert_allclose(phi, arm.known + direct @ (measured - prior), rtol=1e-5, atol=1e-8)
-    variance = np.diag(S - direct @ B @ S)
-    np.testing.assert_allclose(std, np.sqrt(variance), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(std, np.sqrt(np.diag(S - direct @ B @ S)), rtol=1e-4, atol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def arm():
-    return mechanism(scenes.load("double_pendulum"), "base")
-
-
-def test_the_variances_that_bayes_rule_leaves(arm):
-    base = find_base_parameters(arm)
+def test_the_variances_that_bayes_rule_leaves():
+    """Nothing is identified by noise, and no more than the rank by perfect data."""
+    arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
+    base, S = find_base_parameters(arm), block_diag(*known_covariances(arm))
     L = np.random.default_rng(0).normal(size=(base.rank, base.rank))
-    covariance = 1e-3 * L @ L.T
-    S = block_diag(*known_covariances(arm))
-    B = base.regroup(np.eye(len(S))).T
-    information = B.T @ np.linalg.inv(covariance) @ B
-    after = np.linalg.inv(np.linalg.inv(S) + information)
+    covariance, B = 1e-3 * L @ L.T, base.regroup(np.eye(len(S))).T
+    after = np.linalg.inv(np.linalg.inv(S) + B.T @ np.linalg.inv(covariance) @ B)
     expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
-    identified = parameters_identified(arm, base, covariance)
-    np.testing.assert_allclose(identified, expected, atol=1e-4)
-    # The same with the prior included in the estimate.
     both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
-    np.testing.assert_allclose(parameters_identified(arm, base, both, included=True), identified, atol=1e-4)
-
-
-def test_nothing_is_told_by_noise_and_no_more_than_the_rank_by_perfect_data(arm):
-    base = find_base_parameters(arm)
+    for given, included in ((covariance, False), (both, True)):
+        identified = parameters_identified(arm, base, given, included=included)
+        np.testing.assert_allclose(identified, expected, atol=1e-4)
     assert parameters_identified(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
     perfect = parameters_identified(arm, base, 1e-12 * np.eye(base.rank))
     assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10
 
 
-GRAVITY = np.array([0, -9.81, 0])
-HINGE = np.array([0, 0, 0, 0, 0, 1.0])
+GRAVITY, HINGE = np.array([0, -9.81, 0]), np.eye(6)[5]
 
 
-def at(x, y, z=0.0):
-    return se3.pose(np.eye(3), np.array([x, y, z]))
+def at(x, y):
+    return se3.pose(np.eye(3), np.array([x, y, 0]))
 
 
-def leg(names=("pelvis", "thigh_r", "shank_r", "foot_r")):
+def leg():
     """Pelvis, thigh of 0.4 m, shank of 0.42 m whose frame is 0.1 m below the knee, patella and foot."""
     below_knee = np.array([0.1, 0, 0, 0, 0, 1.0])
     bodies = (
-        Body(names[0], BASE, at(0, 1), HINGE, "tilt"),
-        Body(names[1], 0, at(0.1, -0.1), HINGE, "hip"),
+        Body("pelvis", BASE, at(0, 1), HINGE, "tilt"),
+        Body("thigh_r", 0, at(0.1, -0.1), HINGE, "hip"),
         Body("slide", 1, at(0, -0.4), np.eye(6)[0], "", True, Follower("knee", (0.0, 0.02))),
-        Body(names[2], 2, at(0, -0.1), below_knee, "knee"),
+        Body("shank_r", 2, at(0, -0.1), below_knee, "knee"),
         Body("patella", 1, at(0.05, -0.38), HINGE, "", False, Follower("knee", (0.0, 0.5))),
-        Body(names[3], 3, at(0, -0.32), HINGE, "ankle"),
+        Body("foot_r", 3, at(0, -0.32), HINGE, "ankle"),
     )
     prior = np.zeros((5, 10))
     prior[:, 0] = 10, 8, 4, 0.1, 1
@@ -140,6 +120,9 @@ def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centr
     np.testing.assert_allclose(arm.prior[11:14] / arm.prior[10], 0.79 * length * np.array([0.6, -0.8, 0]), rtol=1e-12)
 
 
+DUMAS = Person("dumas", 80, 1.8, "male")
+
+
 @pytest.mark.parametrize(
     ("placed", "message"),
     [
@@ -152,7 +135,7 @@ def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centr
 )
 def test_what_cannot_be_known_is_asked_for(placed, message):
     with pytest.raises(InputError, match=message):
-        with_person(leg(), Person("dumas", 80, 1.8, "male"), placed)
+        with_person(leg(), DUMAS, placed)
 
 
 def test_a_segment_does_not_depend_on_the_axes_of_its_body():
@@ -160,8 +143,8 @@ def test_a_segment_does_not_depend_on_the_axes_of_its_body():
     back, bodies = se3.inverse(turn), list(arm.tree.bodies)
     bodies = [replace(each, home=back @ each.home) if each.parent == 1 else each for each in bodies]
     bodies[1] = replace(bodies[1], home=bodies[1].home @ turn, twist=se3.Ad(back) @ bodies[1].twist)
-    person, placed = Person("dumas", 80, 1.8, "male"), {"thigh_r": Placed("thigh")}
-    usual, turned = (with_person(x, person, placed).prior for x in (arm, replace(arm, tree=Tree(tuple(bodies)))))
+    arms = arm, replace(arm, tree=Tree(tuple(bodies)))
+    usual, turned = (with_person(each, DUMAS, {"thigh_r": Placed("thigh")}).prior for each in arms)
     np.testing.assert_allclose(turned[10:20], parameter_transform(back) @ usual[10:20], atol=1e-12)
 
 
@@ -172,5 +155,5 @@ def test_what_is_known_of_base_parameters_has_these_widths():
     without = known_covariance(Mechanism(arm.tree, GRAVITY, arm.prior), base, KNOWN)
     thigh = arm.prior[10:20]
     change = body_covariance(thigh, arm.prior_known["thigh_r"]) - body_covariance(thigh)
-    B = base.regroup(np.eye(50)).T
-    np.testing.assert_allclose(mine - without, B[:, 10:20] @ change @ B[:, 10:20].T, atol=1e-6)
+    B = base.regroup(np.eye(50)).T[:, 10:20]
+    np.testing.assert_allclose(mine - without, B @ change @ B.T, atol=1e-6)

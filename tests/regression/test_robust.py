@@ -1,7 +1,7 @@
 """Robust least squares, and least squares at the best of several cut-offs."""
 
-from dataclasses import dataclass, field
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 
 import mujoco
@@ -34,25 +34,23 @@ class Columns:
 
     channels: tuple[str, ...]
     names: tuple[str, ...]
-    drives: tuple[str, ...] = ()
-    offsets: tuple[int, ...] = ()
-    absorbed: dict[str, np.ndarray] = field(default_factory=dict)
-    mixed: tuple[str, ...] = ()
 
-    def checked(self, samples, where=""):
-        return samples
-
+    drives = offsets = mixed = ()
+    absorbed = {}  # noqa: RUF012
     straight, beside = False, None
     residual = Equations.residual
     axes = Axes((), (), np.zeros((0, 0)), (), np.zeros((0, 0)))
 
+    def checked(self, samples, where=""):
+        return samples
+
     @property
     def parameters(self):
-        return SimpleNamespace(rank=len(self.names) - len(self.drives) - len(self.offsets))
+        return SimpleNamespace(rank=len(self.names))
 
     @property
     def from_drives(self):
-        return np.zeros(len(self.names) - len(self.offsets))
+        return np.zeros(len(self.names))
 
     def order(self, samples):
         return np.arange(len(self.names) + 1), (0,) * len(self.channels)
@@ -62,20 +60,15 @@ class Columns:
         yield rows if factors is None else rows * factors.T
 
 
-def fit_of(columns, measured, **options):
+def fit_of(columns, measured):
     names = [tuple(f"{letter}{k}" for k in range(n)) for letter, n in zip("cx", columns.shape[1:], strict=True)]
-    return robust_fit(Columns(*names), Samples(columns, measured), **options)
-
-
-def case(rng, samples=1000, noise=(0.1, 3.0)):
-    columns = rng.normal(size=(samples, len(noise), 3))
-    return columns, columns @ TRUE + np.array(noise) * rng.normal(size=(samples, len(noise)))
+    return robust_fit(Columns(*names), Samples(columns, measured))
 
 
 def test_the_fit_solves_hubers_equations():
     rng = np.random.default_rng(2)
-    columns, measured = case(rng)
-    measured += 2 * rng.standard_t(2, size=measured.shape)
+    columns = rng.normal(size=(1000, 2, 3))
+    measured = columns @ TRUE + [0.1, 3.0] * rng.normal(size=(1000, 2)) + 2 * rng.standard_t(2, size=(1000, 2))
     fit = fit_of(columns, measured)
     residual = measured - columns @ fit.values
     scale = spread(residual)
@@ -87,12 +80,10 @@ def test_the_fit_solves_hubers_equations():
 @pytest.mark.parametrize("colour", [None, 0.02])
 def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
     """Over 200 recordings the errors are as large as predicted, for any autocorrelation of the noise."""
-    samples, errors, predicted = 600, [], []
+    errors, predicted, t = [], [], np.arange(600) / 100
+    columns = np.stack([np.sin(2 * np.pi * f * t) for f in (0.3, 0.7, 1.1)], axis=1)[:, None]
     for seed in range(200):
-        rng = np.random.default_rng(seed)
-        t = np.arange(samples) / 100
-        columns = np.stack([np.sin(2 * np.pi * f * t) for f in (0.3, 0.7, 1.1)], axis=1)[:, None]
-        noise = rng.normal(size=samples + 500)
+        noise = np.random.default_rng(seed).normal(size=1100)
         if colour:
             noise = sosfilt(butter(1, colour, output="sos"), noise)
         noise = noise[500:] / noise[500:].std()
@@ -103,19 +94,13 @@ def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
     assert (ratios > 0.75).all() and (ratios < 1.15).all()
 
 
-def autoregressive(rng, correlation, shape):
-    """Noise of variance one with an autocorrelation at a lag of one sample, samples last."""
-    u = rng.normal(size=(*shape[:-1], shape[-1] + 2000))
-    return lfilter([np.sqrt(1 - correlation**2)], [1, -correlation], u, axis=-1)[..., 2000:]
-
-
 def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
     rng = np.random.default_rng(0)
-    columns, pull = rng.normal(size=(80, 3, 4)).cumsum(axis=0), autoregressive(rng, 0.8, (3, 80))
+    columns = rng.normal(size=(80, 3, 4)).cumsum(axis=0)
+    pull = lfilter([0.6], [1, -0.8], rng.normal(size=(3, 180)))[:, 100:]
     decay, size = innovations(pull, 4 / 3)
     rows, channels = columns.transpose(2, 1, 0), columns.swapaxes(0, 1)
-    each = [remembered(x.T, rho, np.zeros(4)) for x, rho in zip(channels, decay, strict=True)]
-    pulls = sum(z * u for z, u in zip(each, size, strict=True))
+    pulls = sum(remembered(x.T, rho, np.zeros(4)) * u for x, rho, u in zip(channels, decay, size, strict=True))
     steady = sum(
         x.T @ (s / (1 - rho**2) * linalg.toeplitz(rho ** np.arange(80))) @ x
         for x, rho, s in zip(channels, decay, (size**2).mean(axis=1), strict=True)
@@ -128,46 +113,30 @@ def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
         varying = Sandwich(4, 3)
         varying.add(chunks, pull, 4 / 3)
         np.testing.assert_allclose(varying.middle, pulls @ pulls.T, rtol=1e-9)
-    # The same in two parts.
-    z = remembered(columns[:, 0].T, 0.8, np.zeros(4))
-    after = remembered(columns[30:, 0].T, 0.8, z[:, 29])
-    np.testing.assert_allclose(after, z[:, 30:], rtol=1e-12)
-    np.testing.assert_allclose(z[:, 79], 0.8 ** np.arange(79, -1, -1) @ columns[:, 0], rtol=1e-12)
-
-
-def predicted(log, part, fit, k=0):
-    """Channels that least squares predict from states filtered at their own cut-off."""
-    motion = filtered(log, fit.cutoffs[k])[0].motion[log.taken(part)]
-    zero = Samples(motion, np.zeros((len(motion), len(log.equations.channels))))
-    return -Candidate(log.equations, fit.values[[k]]).residuals(zero)[0]
-
-
-@cache
-def arm():
-    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-
-
-def rubbing(seconds=10.0, seed=0):
-    """Angles and torques of an arm with friction of 2 N m that sticks for 20 ms at each reversal."""
-    mechanism, (t, q, dq, ddq) = arm(), wrist.motion(seconds, 100.0)
-    rng = np.random.default_rng(seed)
-    torque = ident.joint_torque_regressor(mechanism.tree, q, dq, ddq, gravity=mechanism.gravity) @ mechanism.known
-    torque += 2 * np.where(np.abs(dq) < 0.05, rng.uniform(-1, 1, dq.shape), np.sign(dq))
-    torque += 0.02 * rng.normal(size=q.shape)
-    q = q + 1e-4 * rng.normal(size=q.T.shape).T
-    return ident.Recording(t, by_joint(wrist.JOINTS, position=q, torque=torque))
+    z = remembered(rows[:, 0], 0.8, np.zeros(4))
+    np.testing.assert_allclose(z[:, 79], rows[:, 0] @ 0.8 ** np.arange(79, -1, -1), rtol=1e-12)
+    np.testing.assert_allclose(remembered(rows[:, 0, 30:], 0.8, z[:, 29]), z[:, 30:], rtol=1e-12)
+    # Residuals whose squares are zero have no correlation.
+    assert innovations(np.full((1, 50), 1e-200), 1.0)[0] == [0.0]
 
 
 def test_samples_near_reversals_are_left_alone(monkeypatch):
-    log = prepared(arm(), rubbing(), drive=("viscous", "coulomb"))
-    rank, fitted, judged = log.equations.parameters.rank, slice(0, 600), slice(600, 970)
-    known = np.zeros(rank), np.zeros((rank, rank))
-    moving = np.abs(wrist.motion(10.0, 100.0)[2][judged]) > 0.2
-    errors = []
+    """Of an arm with friction of 2 N m that sticks for 20 ms at each reversal."""
+    arm, (t, q, dq, ddq) = sim.mechanism(mujoco.MjSpec.from_string(wrist.model())), wrist.motion(10.0, 100.0)
+    rng = np.random.default_rng(0)
+    torque = ident.joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.known
+    torque += 2 * np.where(np.abs(dq) < 0.05, rng.uniform(-1, 1, dq.shape), np.sign(dq))
+    torque += 0.02 * rng.normal(size=q.shape)
+    channels = by_joint(wrist.JOINTS, position=q + 1e-4 * rng.normal(size=q.shape), torque=torque)
+    log = prepared(arm, ident.Recording(t, channels), drive=("viscous", "coulomb"))
+    fitted, judged = slice(0, 600), slice(600, 970)
+    rank, moving, errors = log.equations.parameters.rank, np.abs(dq[judged]) > 0.2, []
     for slow in (0.1, 0.0):
         monkeypatch.setattr("ident.regression.conventional.SLOW", slow)
+        known = np.zeros(rank), np.zeros((rank, rank))
         fit = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
-        error = log.recording.torques(arm().tree.joints)[judged] - predicted(log, judged, fit)
+        motion = filtered(log, fit.cutoffs[0])[0].motion[log.taken(judged)]
+        error = Candidate(log.equations, fit.values[[0]]).residuals(Samples(motion, torque[judged]))[0]
         errors.append(np.sqrt((error[moving] ** 2).mean()))
     assert errors[0] < 0.8 * errors[1]
 
@@ -189,35 +158,20 @@ def test_signals_and_residuals_of_sums_are_those_of_their_samples():
     np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))
 
 
-rng = np.random.default_rng(0)
-MEASURED, RESIDUAL = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
-FIT = SimpleNamespace(equations=SimpleNamespace(channels=("hip", "knee", "foot")))
-
-
-def held(resting, versions=(MEASURED,), chosen=None, residual=RESIDUAL, **more):
-    samples = tuple(sampled(*(np.full((100, 2), k) for k in range(3)), x) for x in versions)
-    chosen = np.zeros(residual.shape, int) if chosen is None else chosen
-    return HeldOut(np.arange(100.0), (0,), samples, chosen, FIT, residual, resting, **more)
-
-
-def rests(*spans):
-    """Mask of the samples at which each channel rests, by its last one."""
-    return np.arange(100)[:, None] < np.array(spans)
-
-
 def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
-    resting = rests(0, 30, 0)
-    wrong = np.where(resting, 9.0, RESIDUAL)
-    judged = held(resting, residual=wrong, rivals={"model": 2 * wrong})
-    moving = slice(30, None)
-    signal = MEASURED[moving, 1].std()
-    assert judged.signal[1] == pytest.approx(signal) and judged.signal[0] == pytest.approx(MEASURED[:, 0].std())
-    assert judged.ratio[1] == pytest.approx(np.sqrt((RESIDUAL[moving, 1] ** 2).mean()) / signal)
+    """Of three channels, of which the second rests in its first 30 samples."""
+    rng, moving = np.random.default_rng(0), slice(30, None)
+    measured, residual = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
+    resting = np.arange(100)[:, None] < np.array([0, 30, 0])
+    wrong = np.where(resting, 9.0, residual)
+    samples = sampled(*(np.full((100, 2), k) for k in range(3)), measured)
+    fit = SimpleNamespace(equations=SimpleNamespace(channels=("hip", "knee", "foot")))
+    chosen = np.zeros((100, 3), int)
+    judged = HeldOut(np.arange(100.0), (0,), (samples,), chosen, fit, wrong, resting, rivals={"model": 2 * wrong})
+    signal = measured[moving, 1].std()
+    assert judged.signal[1] == pytest.approx(signal) and judged.signal[0] == pytest.approx(measured[:, 0].std())
+    assert judged.ratio[1] == pytest.approx(np.sqrt((residual[moving, 1] ** 2).mean()) / signal)
     assert judged.ratio_of(judged.rivals["model"]) == pytest.approx(2 * judged.ratio)
-    assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((MEASURED[moving, 1] ** 2).mean()))
+    assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((measured[moving, 1] ** 2).mean()))
     assert judged.ratio_at_rest(wrong)[1] == pytest.approx(9 / signal)
     assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()
-
-
-def test_residuals_whose_squares_are_zero_have_no_correlation():
-    assert innovations(np.full((1, 50), 1e-200), 1.0)[0] == [0.0]

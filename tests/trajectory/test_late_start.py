@@ -1,7 +1,6 @@
 """Clocks of plates and wrenches beside those of angles: delays, rates and jumps."""
 
 from dataclasses import replace
-from functools import cache
 from types import SimpleNamespace
 
 import lifting
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import swinging
 import walker
+from mechanisms import by_joint
 from recorded_faults import PENDULUM, faulty
 
 import ident
@@ -21,7 +21,6 @@ from ident.estimation.preparation import Part, prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.finding import setup_findings
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.recordings.recording import Recording
 from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.cut_pieces import cut
@@ -40,24 +39,25 @@ def later(recording, start):
     return replace(recording, time=recording.time + start, streams=streams)
 
 
-def lifts(who, seed, begin, seconds=3.0):
-    """Recordings of lifts on a clock with another origin."""
-    recordings = [lifting.recorded(who, *lift, seed + k, seconds=seconds) for k, lift in enumerate(LIFTS)]
-    return [later(each, start) for each, start in zip(recordings, begin, strict=True)]
-
-
-def only_finding(log, **options):
-    (finding,) = ident.identify(lifting.table(), log, known=True, holdout=0.2, **options).setup
-    assert finding.name == "delay(ground)"
-    return finding
+def found_of(seed, begin, **options):
+    """Set-up errors found in two lifts on clocks with other origins."""
+    who = lifting.lifter(seed)
+    logs = [lifting.recorded(who, *lift, 10 * seed + k, seconds=3.0) for k, lift in enumerate(LIFTS)]
+    logs = [later(each, start) for each, start in zip(logs, begin, strict=True)]
+    return ident.identify(lifting.table(), logs, known=True, **options).setup
 
 
 @pytest.mark.parametrize(("seed", "late"), [(1, -0.08), (0, 0.15)])
 def test_plates_that_are_far_from_the_angles_clock_are_found(seed, late, monkeypatch):
     monkeypatch.setattr(lifting, "LATE", late)
-    finding = only_finding(lifts(lifting.lifter(seed), 10 * seed, (1000.0, 1100.0)))
-    assert finding.value == pytest.approx(late, abs=0.004)
+    (finding,) = found_of(seed, (1000.0, 1100.0), holdout=0.2)
+    assert finding.name == "delay(ground)" and finding.value == pytest.approx(late, abs=0.004)
     assert ("ms late" if late > 0 else "ms early") in finding.text
+
+
+def test_plates_on_the_angles_clock_are_left_there(monkeypatch):
+    monkeypatch.setattr(lifting, "LATE", 0.0)
+    assert not found_of(1, (0.0, 0.0))
 
 
 def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
@@ -69,8 +69,9 @@ def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
     time = np.concatenate([part.time for part in parts])
     streams = {name: (time, np.concatenate([part[name] for part in parts])) for name in parts[0].measured}
     judge = lifting.recorded(who, (lifting.SQUAT + lifting.STOOP) / 2, 0.45, 25)
-    finding = only_finding(ident.Recording.from_streams(streams, sensors=parts[0].sensors), held_out=judge)
-    assert finding.value == pytest.approx(0.13, abs=0.004)
+    whole = ident.Recording.from_streams(streams, sensors=parts[0].sensors)
+    (finding,) = ident.identify(lifting.table(), whole, known=True, held_out=judge).setup
+    assert finding.name == "delay(ground)" and finding.value == pytest.approx(0.13, abs=0.004)
 
 
 def test_a_clock_that_is_fast_is_no_delay():
@@ -81,60 +82,36 @@ def test_a_clock_that_is_fast_is_no_delay():
     wrench += lifting.FORCE * np.array([1, 1, 1, 0.2, 0.2, 0.2]) * rng.normal(size=wrench.shape)
     wrench[:, [1, 3, 5]] = np.nan
     channels = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
-    angles = motion.q + 0.002 * rng.normal(size=motion.q.shape)
-    channels |= {f"{joint}_position": x for joint, x in zip(lifting.JOINTS, angles.T, strict=True)}
+    channels |= by_joint(lifting.JOINTS, position=motion.q + 0.002 * rng.normal(size=motion.q.shape))
     (finding,) = ident.identify(lifting.table(), ident.Recording(time, channels), known=True).setup
     assert finding.name == "clock(ground)" and finding.value == pytest.approx(-fast, abs=1e-4)
 
 
-def test_plates_on_the_angles_clock_are_left_there(monkeypatch):
-    monkeypatch.setattr(lifting, "LATE", 0.0)
-    assert not ident.identify(lifting.table(), lifts(lifting.lifter(1), 10, (0.0, 0.0)), known=True).setup
-
-
-def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
-    """Likely delay of the pendulum's ground for a prior standard deviation, with its first samples missing."""
-    recording = faulty(0, delay=late)
-    ready = prepared(PENDULUM, recording)
+@pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
+def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
+    ready = prepared(PENDULUM, faulty(0, delay=0.1))
     at, delay = len(ready.equations.names), SetupParameter("delay", "ground", None, std)
     measurement = Measurement(ready.equations, ready.frame, tuple(range(6)), {}, (delay,))
-    pieces = cut(ready, measurement, slice(0, samples), 0.05)
-    for piece in pieces:
-        piece.measured[piece.when < recording.time[missing]] = np.nan
+    pieces = cut(ready, measurement, slice(0, 600), 0.05)
     theta = np.append(ready.equations.parameters.regroup(PENDULUM.known), 0.0)
     prior = Prior(np.zeros(at + 1), np.diag(np.append(np.zeros(at), std**-2.0)))
     fit = SimpleNamespace(theta=theta, prior=prior, pieces=pieces, selections=[np.arange(at + 1)] * len(pieces))
-    return likely_delay(measurement, at, fit)
+    assert likely_delay(measurement, at, fit) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
-def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
-    assert likely_delay_of_pendulum(std, late=0.1) == pytest.approx(0.1)
-
-
-CASE = Case.drawn(CONDITIONS["trapezoids_100"], 0, 2)
-
-
-def setup_of(recording):
-    options = {"holdout": 0.0, **CASE.condition.options}
-    return ident.identify(CASE.subject.mechanism, recording, **options).setup
-
-
-def test_jumps_are_no_clock():
+@pytest.mark.parametrize("fast", [0.0, 0.003])
+def test_jumps_are_no_clock_but_a_fast_clock_is_found(fast):
     """A clock error of 0.023 ± 0.002 %, a tenth of a sample, would predict unseen pieces better."""
-    assert not setup_of(CASE.recording)
-
-
-def test_a_fast_clock_is_found():
+    condition = CONDITIONS["trapezoids_100"]
     # A rate error of this size needs no more than six seconds.
-    short = replace(CONDITIONS["trapezoids_100"], samples=600)
-    recording, fast = Case.drawn(short, 0, 2).recording, 0.003
-    t, measured = recording.time, dict(recording.measured)
+    case = Case.drawn(replace(condition, samples=600) if fast else condition, 0, 2)
+    t, measured = case.recording.time, dict(case.recording.measured)
     for name in ("ground_force", "ground_torque"):
         measured[name] = np.stack([np.interp(t * (1 - fast), t, x) for x in measured[name].T], axis=1)
-    (clock,) = setup_of(replace(recording, measured=measured))
-    assert clock.name == "clock(ground)"
-    assert abs(clock.value) == pytest.approx(fast, rel=0.1)
+    recording = replace(case.recording, measured=measured)
+    setup = ident.identify(case.subject.mechanism, recording, **{"holdout": 0.0, **condition.options}).setup
+    assert [each.name for each in setup] == ["clock(ground)"] * (fast > 0)
+    assert [abs(each.value) for each in setup] == [pytest.approx(fast, rel=0.1)] * (fast > 0)
 
 
 NOISE = np.repeat([0.5, 0.05], [3, 5])
@@ -145,38 +122,25 @@ def recorded(seed, late=0.0, fast=0.0):
     """The paper's pendulum; the wrench is delayed, and its clock is fast."""
     rng, arm, time = np.random.default_rng(seed), swinging.pendulum(), np.arange(0.3, 9.0, 0.01)
     motion, before = swinging.motion(time), swinging.motion(time - late - fast * (time - time[0]))
-    wrench = ident.base_wrench_regressor(arm.tree, *before.states, gravity=arm.gravity) @ arm.known
+    wrench = base_wrench_regressor(arm.tree, *before.states, gravity=arm.gravity) @ arm.known
     torques = joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.known
-    measured = np.hstack([wrench, torques])
-    measured += NOISE * rng.normal(size=measured.shape)
-    angles = motion.q + 3e-4 * rng.normal(size=motion.q.shape)
-    channels = {"ground_force": measured[:, :3], "ground_torque": measured[:, 3:6]}
-    for k, joint in enumerate(swinging.JOINTS):
-        channels |= {f"{joint}_position": angles[:, k], f"{joint}_torque": measured[:, 6 + k]}
-    return Recording(time, channels)
-
-
-@cache
-def on_time():
-    """Estimate of a wrench on the torques' clock."""
-    return ident.identify(swinging.pendulum(), recorded(0), holdout=0)
+    wrench, torques = np.split(np.hstack([wrench, torques]) + NOISE * rng.normal(size=(len(time), 8)), [6], axis=1)
+    channels = by_joint(swinging.JOINTS, position=motion.q + 3e-4 * rng.normal(size=motion.q.shape), torque=torques)
+    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
 
 
 @pytest.mark.parametrize(
     ("fault", "name", "value"),
-    [
-        ({"late": -0.008}, "delay(ground)", -0.008),
-        ({"fast": 0.004}, "clock(ground)", -0.004),
-    ],
+    [({"late": -0.008}, "delay(ground)", -0.008), ({"fast": 0.004}, "clock(ground)", -0.004)],
 )
 def test_the_wrench_alone_is_late(fault, name, value):
     estimate = ident.identify(swinging.pendulum(), recorded(0, **fault), held_out=recorded(1, **fault))
     (finding,) = estimate.setup
     assert finding.name == name and abs(finding.value - value) < 1e-4 + 2 * finding.std < 5e-4
     np.testing.assert_allclose(estimate.trajectory.fit.channel_noise, NOISE, rtol=0.1)
-    assert (np.abs(estimate.psi - on_time().psi) < 2 * estimate.std).all()
-    # The delay does not affect predictions of other recordings' torques and wrenches.
     truth = estimate.base.regroup(swinging.pendulum().known)
+    assert (np.abs(estimate.psi - truth) < 3.5 * estimate.std).all()
+    # The delay does not affect predictions of other recordings' torques and wrenches.
     rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
     assert (np.delete(rms / NOISE, 3) < 1.15).all()
 
@@ -184,36 +148,29 @@ def test_the_wrench_alone_is_late(fault, name, value):
 EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
-def on_plates(late=0, gains=(1,) * 6):
-    """A person on a plate and a rail, both delayed by so many samples, with gains on the plate's channels."""
-    rng = np.random.default_rng(0)
-    person, (time, q, *_) = walker.mechanism(walker.SMALL), walker.motion()
-    total, share = walker.truth(walker.SMALL)[0], 0.2 + 0.1 * np.sin(3 * walker.motion()[0])
-    measured = {
-        f"{joint}_position": q[late:, k] + 0.002 * rng.normal(size=len(q) - late)
-        for k, joint in enumerate(person.tree.joints)
-    }
-    for name, taken, gain in (("plate", 1 - share, gains), ("rail", share, 1)):
-        values = gain * (taken[:, None] * total) + rng.normal(size=total.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
-        values = values[: len(values) - late]
-        measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
-    sensors = {name: ident.Sensor(body, frame="world") for name, body in (("plate", "pelvis"), ("rail", "arm"))}
-    return prepared(person, ident.Recording(time[late:], measured, sensors=sensors), cutoff=8.0)
+def z_of(fit, ready, mechanism):
+    """Errors of the base parameters in standard deviations."""
+    truth = ready.equations.parameters.regroup(mechanism.known)
+    return (fit.theta[: len(truth)] - truth) / np.sqrt(np.diag(fit.covariance)[: len(truth)])
 
 
 def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
     """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, add up to the total wrench."""
-    ready = on_plates(late=3)
-    result = trajectory_estimate(
-        [Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12
-    )
+    rng, late, person, (time, q, *_) = np.random.default_rng(0), 3, walker.mechanism(walker.SMALL), walker.motion()
+    total, share = walker.truth(walker.SMALL)[0], 0.2 + 0.1 * np.sin(3 * time)
+    q = q[late:, : len(person.tree.joints)]
+    measured = by_joint(person.tree.joints, position=q + 0.002 * rng.normal(size=q.shape))
+    for name, taken in (("plate", 1 - share), ("rail", share)):
+        values = taken[:, None] * total + rng.normal(size=total.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
+        measured |= {f"{name}_force": values[:-late, :3], f"{name}_torque": values[:-late, 3:]}
+    sensors = {name: ident.Sensor(body, frame="world") for name, body in (("plate", "pelvis"), ("rail", "arm"))}
+    ready = prepared(person, ident.Recording(time[late:], measured, sensors=sensors), cutoff=8.0)
+    setup = EXACT | {"delay": 0.05}
+    result = trajectory_estimate([Part(ready, slice(0, 300))], ready.equations, setup=setup, knots=0.12)
     (finding,) = setup_findings(result)
     assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
     assert finding.std < 0.002
-    rank = ready.equations.parameters.rank
-    error = result.fit.theta[:rank] - ready.equations.parameters.regroup(walker.mechanism(walker.SMALL).known)
-    z = error / np.sqrt(np.diag(result.fit.covariance)[:rank])
-    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
+    assert 0.5 < np.sqrt(np.mean(z_of(result.fit, ready, person) ** 2)) < 1.5
 
 
 def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
@@ -221,24 +178,19 @@ def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
     spec = scenes.load("double_pendulum", contact="handle")
     pendulum, recording = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM)
     cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)
-    states = {name: x for name, x in recording.measured.items() if name.endswith(("_position", "_force", "_torque"))}
-    states = {name: x for name, x in states.items() if not name.startswith(("link", "end"))}
-    fixed = replace(recording, measured=states, true={}, sensors={"contact": cell})
+    kept = {f"{name}_{kind}" for name in ("ground", "contact") for kind in ("force", "torque")}
+    kept |= {f"{joint}_position" for joint in pendulum.joints}
+    own = {name: x for name, x in recording.measured.items() if name in kept}
+    fixed = replace(recording, measured=own, true={}, sensors={"contact": cell})
     q = recording.noise_free.of_joints(pendulum.tree.joints, "position")
     link = pendulum.tree.poses(q)[:, pendulum.tree.names.index(cell.body)]
     values = transform_wrench(link @ cell.pose, fixed.wrench("contact").values)
-    resting = replace(
-        fixed,
-        measured={**fixed.measured, "contact_force": values[:, :3], "contact_torque": values[:, 3:]},
-        sensors={"contact": replace(cell, pose=np.eye(4), frame="world")},
-    )
+    own = own | {"contact_force": values[:, :3], "contact_torque": values[:, 3:]}
+    resting = replace(fixed, measured=own, sensors={"contact": replace(cell, pose=np.eye(4), frame="world")})
     fits = []
     for each in (fixed, resting):
         ready = prepared(pendulum, each, cutoff=8.0)
         fits.append(trajectory_estimate([Part(ready, slice(0, 500))], ready.equations, setup=EXACT, knots=0.1).fit)
+        assert np.sqrt(np.mean(z_of(fits[-1], ready, pendulum) ** 2)) < 1.6
     std = np.sqrt(np.diag(fits[0].covariance))
     assert np.abs((fits[1].theta - fits[0].theta) / std).max() < 0.5
-    truth = ready.equations.parameters.regroup(pendulum.known)
-    for fit in fits:
-        z = (fit.theta - truth) / np.sqrt(np.diag(fit.covariance))
-        assert np.sqrt(np.mean(z**2)) < 1.6

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded
+from mechanisms import by_joint
 from scipy.signal import savgol_filter
 
 import ident
@@ -19,17 +20,12 @@ from ident.tolerances import STRIBECK
 from ident.trajectory.reversals import _law
 
 
-def rubbing(rng, slip, *, stuck=0.0, samples=4000):
-    """Velocities, and torques with friction of 2 N m that changes its sign over a slip; at rest it is random."""
-    rate = np.sin(np.linspace(0, 60, samples)) * rng.uniform(0.3, 1, samples)
-    torque = 2 * np.tanh(rate / slip) + 0.5 * rate + 0.02 * rng.normal(size=samples)
-    return rate, torque + stuck * np.exp(-((rate / 0.025) ** 2) / 2) * rng.normal(size=samples)
-
-
 @pytest.mark.parametrize("slip", [0.003, 0.1])
-def test_the_slip_of_a_joint_is_found(slip):
-    rate, torque = rubbing(np.random.default_rng(0), slip)
-    law = _law(torque, rate)
+def test_the_slip_of_a_joint_is_found(slip, samples=4000):
+    """Of a joint with friction of 2 N m that changes its sign over it."""
+    rng = np.random.default_rng(0)
+    rate = np.sin(np.linspace(0, 60, samples)) * rng.uniform(0.3, 1, samples)
+    law = _law(2 * np.tanh(rate / slip) + 0.5 * rate + 0.02 * rng.normal(size=samples), rate)
     assert law.coulomb == pytest.approx(2, rel=0.05) and 0.5 * slip <= law.slip <= 2 * slip
 
 
@@ -41,32 +37,35 @@ def test_the_slip_is_estimated_again_once_the_lag_of_servos_is_known():
     states = [x[later] for x in arm.motion(np.random.default_rng(1), 10.1, fine)[1:]]
     torque = arm.torques(*states) + np.array(arm.TRUE["frictionloss"]) * np.tanh(states[1] / slip)
     commands = states[0] + (torque + arm.KV * states[1]) / arm.KP
-    q = q + 1e-4 * np.random.default_rng(10).normal(size=q.shape)
-    channels = {f"{joint}_position": x for joint, x in zip(arm.JOINTS, q.T, strict=True)}
-    channels |= {f"{joint}_command": x for joint, x in zip(arm.JOINTS, commands.T, strict=True)}
+    channels = by_joint(arm.JOINTS, position=q + 1e-4 * np.random.default_rng(10).normal(size=q.shape))
+    channels |= by_joint(arm.JOINTS, command=commands)
     model = sim.mechanism(mujoco.MjSpec.from_string(arm.text(more=arm.ACTUATORS)))
-    recording = with_servos(ident.Recording(t, channels), {}, model, [])
-    estimate = ident.identify(model, recording, known=False, holdout=0)
-    (found,) = coded(estimate, "setup_lag")
-    assert found.values["value"] == pytest.approx(lag, abs=1e-3)
+    estimate = ident.identify(model, with_servos(ident.Recording(t, channels), {}, model, []), known=False, holdout=0)
+    (finding,) = coded(estimate, "setup_lag")
+    assert finding.values["value"] == pytest.approx(lag, abs=1e-3)
     assert estimate.trajectory.reversals.slip == pytest.approx(slip, rel=0.15)
+
+
+def recorded(name):
+    """A condition whose joints rub, the arm, and its recording."""
+    condition = CONDITIONS[name]
+    return condition, SUBJECTS[condition.subject].mechanism, noisy_recording(condition, 0, 0)
+
+
+def stated(mechanism):
+    return drives(mechanism, scenes.load("arm").compile())
 
 
 @pytest.mark.slow
 def test_an_arm_whose_joints_rub():
     """With wide knot spacing and correlated noise, friction would be a third of its value, with narrow intervals."""
-    condition = CONDITIONS["rubs_trapezoids_100"]
-    who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
-    estimate = ident.identify(who.mechanism, recording, **condition.options)
-    stated = drives(who.mechanism, scenes.load("arm").compile())
-    true = truth(estimate.fit.equations, true_bodies(condition, 0, 0), stated)
-    names = estimate.fit.names[: len(true)]
-    values = estimate.fit.values[: len(true)]
-    z = (values - true) / estimate.fit.std[: len(true)]
-    friction = [k for k, each in enumerate(names) if each.startswith("Fc(")]
-    assert len(friction) == 4
-    assert values[friction] == pytest.approx(true[friction], rel=0.02)
-    assert (np.abs(z) < 1.96).mean() > 0.8 and not estimate.setup
+    condition, who, recording = recorded("rubs_trapezoids_100")
+    estimate = ident.identify(who, recording, **condition.options)
+    true = truth(estimate.fit.equations, true_bodies(condition, 0, 0), stated(who))
+    values, std = (x[: len(true)] for x in (estimate.fit.values, estimate.fit.std))
+    friction = [k for k, each in enumerate(estimate.fit.names[: len(true)]) if each.startswith("Fc(")]
+    assert len(friction) == 4 and values[friction] == pytest.approx(true[friction], rel=0.02)
+    assert (np.abs(values - true) < 1.96 * std).mean() > 0.8 and not estimate.setup
     assert coded(estimate, "breakaway_friction")
     # Friction that is higher at low velocity is not fitted where recordings do not ask for it.
     assert not any(name.startswith("Fs(") for name in estimate.fit.names)
@@ -75,9 +74,8 @@ def test_an_arm_whose_joints_rub():
 @pytest.mark.slow
 def test_a_drive_at_its_bound_has_a_one_sided_interval():
     """A parameter that noise makes negative gets an upper limit."""
-    condition = CONDITIONS["rubs_sinusoids_200"]
-    who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
-    estimate = ident.identify(who.mechanism, recording, drive=["rotor", "viscous", "coulomb", "stribeck"])
+    _, who, recording = recorded("rubs_sinusoids_200")
+    estimate = ident.identify(who, recording, drive=["rotor", "viscous", "coulomb", "stribeck"])
     limits = {name: limit for name, (limit, _) in estimate.bounded.items()}
     assert limits and all(name.startswith("Fs(") for name in limits)
     for name, limit in limits.items():
@@ -87,34 +85,25 @@ def test_a_drive_at_its_bound_has_a_one_sided_interval():
     assert finding.values["at_most"] == limits
 
 
-def recorded(extra):
-    """An arm that rubs, and a recording of it with friction of some joints that is higher at low velocity, N m."""
-    condition = CONDITIONS["rubs_sinusoids_200"]
-    arm, recording = SUBJECTS[condition.subject].mechanism, noisy_recording(condition, 0, 0)
-    torques = {}
+@pytest.mark.slow
+def test_friction_that_is_higher_at_low_velocity_is_fitted_where_recordings_ask_for_it():
+    extra = {"shoulder": 1.0, "wrist": 0.15}
+    (_, who, recording), torques = recorded("rubs_sinusoids_200"), {}
     for joint, size in extra.items():
-        angle = recording.measured[f"{joint}_position"]
-        rate = savgol_filter(angle, 9, 3, deriv=1, delta=1 / recording.rate)
+        rate = savgol_filter(recording.measured[f"{joint}_position"], 9, 3, deriv=1, delta=1 / recording.rate)
         more = size * np.sign(rate) / (1 + (rate / STRIBECK) ** 2)
         torques[f"{joint}_torque"] = recording.measured[f"{joint}_torque"] + more
-    return arm, replace(recording, measured={**recording.measured, **torques})
-
-
-@pytest.mark.slow
-def test_it_is_fitted_where_recordings_ask_for_it():
-    extra = {"shoulder": 1.0, "wrist": 0.15}
-    arm, recording = recorded(extra)
-    estimate = ident.identify(arm, recording, known=False)
+    recording = replace(recording, measured={**recording.measured, **torques})
+    estimate = ident.identify(who, recording, known=False)
     values = dict(zip(estimate.fit.names, zip(estimate.fit.values, estimate.fit.std, strict=True), strict=True))
-    fitted = {name: pair for name, pair in values.items() if name.startswith("Fs(")}
-    assert set(fitted) == {f"Fs({joint})" for joint in extra}
-    stated = drives(arm, scenes.load("arm").compile())
-    for name, true in {**{f"Fs({joint})": size for joint, size in extra.items()}, **stated}.items():
+    true = {f"Fs({joint})": size for joint, size in extra.items()}
+    assert {name for name in values if name.startswith("Fs(")} == set(true)
+    for name, size in (true | stated(who)).items():
         if name.startswith(("Fs(", "Fc(")):
             value, std = values[name]
-            assert abs(value - true) < 3 * std and std < 0.06 * true, name
+            assert abs(value - size) < 3 * std and std < 0.06 * size, name
     # Compared with least squares of the usual columns.
     assert len(estimate.filtered_values) == len(estimate.fit.names)
-    assert all(estimate.filtered_values[estimate.fit.names.index(name)] == 0 for name in fitted)
+    assert all(estimate.filtered_values[estimate.fit.names.index(name)] == 0 for name in true)
     assert [set(each.place.joints) for each in coded(estimate, "low_velocity_friction")] == [set(extra)]
     assert set(estimate.drives_updated) >= set(extra)

@@ -22,43 +22,44 @@ STEP = 0.02
 SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
 
 
-class Linear:
-    """One channel `ẍ + w·θ` of one coordinate x, where w is measured at a contact."""
+class OneChannel:
+    """A measurement of one channel of one coordinate x, whose derivatives by ẍ and by θ are given."""
+
+    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
+    turning = np.zeros((1, 1), bool)
+    equations = SimpleNamespace(channels=("x",))
+
+    def derivatives(self, states, wrenches, theta, columns):
+        by_states = np.zeros((1, 3, 1, len(wrenches)))
+        by_states[:, 2], by_theta = self.slopes(states, wrenches, theta)
+        return self.values(states, wrenches, theta), by_states, by_theta[None, columns]
+
+    def dependence(self, theta, columns):
+        return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
+
+
+class Linear(OneChannel):
+    """`ẍ + w·θ`, where w is measured at a contact."""
 
     names, smooth = ("a", "b"), False
-    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
-    equations = SimpleNamespace(channels=("x",))
 
     def values(self, states, wrenches, theta):
         return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
 
-    def derivatives(self, states, wrenches, theta, columns):
-        by_states = np.zeros((1, 3, 1, len(wrenches)))
-        by_states[:, 2] = 1
-        return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None, columns]
-
-    def dependence(self, theta, columns):
-        return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
+    def slopes(self, states, wrenches, theta):
+        return 1, wrenches[:, 0, :2].T
 
 
-class Turned:
-    """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
+class Turned(OneChannel):
+    """`θ ẍ`: a larger inertia compensates a smaller motion."""
 
     names, smooth = ("inertia",), True
-    turning = np.zeros((1, 1), bool)
-    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
-    equations = SimpleNamespace(channels=("x",))
 
     def values(self, states, wrenches, theta):
         return (theta[0] * states[2, :, 0])[None]
 
-    def derivatives(self, states, wrenches, theta, columns):
-        by_states = np.zeros((1, 3, 1, len(wrenches)))
-        by_states[:, 2] = theta[0]
-        return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None][:, columns]
-
-    def dependence(self, theta, columns):
-        return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
+    def slopes(self, states, wrenches, theta):
+        return theta[0], states[2, :, 0][None]
 
 
 def correlated(rng, number, rho):
@@ -69,16 +70,14 @@ def correlated(rng, number, rho):
     return x
 
 
-def recording(rng, rho, number=240, gap=0.0):
+def recording(rng, rho, gap, number=240):
     """A coordinate with correlated noise, a channel with white noise."""
     time = STEP * np.arange(number)
     time[number // 3 :] += gap
-    spline = Spline.over(-0.1, time[-1] + 0.1, 0.1)
     wrenches = rng.normal(size=(number, 2, 6))
-    x = np.stack([np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)])
-    measured = x[0] + SIGMA * correlated(rng, number, rho)
-    channel = x[2] + wrenches[:, 0, :2] @ [1.0, -0.5] + SIGMA_CHANNEL * rng.normal(size=number)
-    return Piece(spline, time, measured[:, None], time, channel[:, None], wrenches)
+    measured = np.sin(2 * time) + SIGMA * correlated(rng, number, rho)
+    channel = -4 * np.sin(2 * time) + wrenches[:, 0, :2] @ [1.0, -0.5] + SIGMA_CHANNEL * rng.normal(size=number)
+    return Piece(Spline.over(-0.1, time[-1] + 0.1, 0.1), time, measured[:, None], time, channel[:, None], wrenches)
 
 
 def noise_of(sigma, rho):
@@ -86,22 +85,21 @@ def noise_of(sigma, rho):
     return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero, zero, zero)
 
 
-def renewal(piece, noise, c, theta, coloured=True):
-    """A step of c and θ, and the updated noise."""
-    at = Point(piece, c, theta, noise)
-    part = linearised(Linear(), at)
-    root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
-    part = linearised(Linear(), at, root=root)
-    step = root @ root.T @ part.eliminated.gradient
-    c, theta = c + (part.eliminated.step - part.eliminated.by_theta @ step)[:, None], theta + step
-    return c, theta, renewed(noise, [part], [misfit(Linear(), Point(piece, c, theta, noise))], coloured=coloured)
+def with_root(measurement, at):
+    """Normal equations with the root of the inverse of their precision, and that root."""
+    root = np.linalg.cholesky(np.linalg.inv(linearised(measurement, at).eliminated.precision))
+    return linearised(measurement, at, root=root), root
 
 
 def updated(piece, rounds=20):
     """σ and ρ of the coordinate at which updates converge, all else given, and the residuals' own correlation."""
-    noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
+    noise, c, theta, linear = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2), Linear()
     for k in range(rounds):
-        c, theta, new = renewal(piece, noise, c, theta, coloured=k >= COLOURED)
+        part, root = with_root(linear, Point(piece, c, theta, noise))
+        step = root @ root.T @ part.eliminated.gradient
+        c, theta = c + (part.eliminated.step - part.eliminated.by_theta @ step)[:, None], theta + step
+        left = misfit(linear, Point(piece, c, theta, noise))
+        new = renewed(noise, [part], [left], coloured=k >= COLOURED)
         noise = replace(noise, states=new.states, states_rho=new.states_rho)
     residual = piece.states[:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
     return noise.states[0], noise.states_rho[0], residual[1:] @ residual[:-1] / (residual @ residual)
@@ -116,8 +114,7 @@ def twice_lost(piece, sigma, rho):
         J[k, interval[k] : interval[k] + LOCAL] = basis[0, k]
         J[number + k, interval[k] : interval[k] + LOCAL] = basis[2, k]
     J[number:, -2:] = piece.wrenches[:, 0, :2]
-    for k in range(spline.intervals):
-        S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).jerk * spline.penalty
+    S[:-2, :-2] = JERK * (spline.roots.T @ spline.roots).toarray()
     y = np.concatenate([piece.states[:, 0], piece.measured[:, 0]])
     runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
     # The channel's noise is white and given.
@@ -129,12 +126,11 @@ def twice_lost(piece, sigma, rho):
     return np.linalg.slogdet(R)[1] + np.linalg.slogdet(H)[1] + y @ (weighted @ [*-x, 1])
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.5])
-@pytest.mark.parametrize("rho", [0.3, 0.6, 0.85])
+@pytest.mark.parametrize(("rho", "gap"), [(0.3, 0.5), (0.6, 0.0), (0.85, 0.0), (0.85, 0.5)])
 def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monkeypatch):
     """Except for the ends of the recording, where likelihood and updates weight half a sample differently."""
     monkeypatch.setattr(whitening, "HUBER", 100.0)
-    piece = recording(np.random.default_rng(round(100 * rho)), rho, gap=gap)
+    piece = recording(np.random.default_rng(round(100 * rho)), rho, gap)
     best = minimize(lambda x: twice_lost(piece, *x), [SIGMA, rho], method="Nelder-Mead", options={"fatol": 1e-4})
     *end, plain = updated(piece)
     assert twice_lost(piece, *end) - best.fun < 0.03
@@ -143,7 +139,7 @@ def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monke
     assert end[1] - plain > 0.05
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_motion_below_slow_noise_is_not_taken_as_none(seed):
     """Four, instead of .04 to .6 degrees of freedom."""
     time, none = STEP * np.arange(200), np.zeros(0)
@@ -153,10 +149,7 @@ def test_motion_below_slow_noise_is_not_taken_as_none(seed):
     given = replace(noise_of(0.5, 0.9), channels=none, channels_rho=none, floor_channels=none)
     end = smoothed([piece], [given])
     here = Point(piece, end.coefficients[0], none, end.noises[0])
-    part = linearised(COORDINATES, here)
-    root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
-    left = misfit(COORDINATES, here).rank - linearised(COORDINATES, here, root=root).held
-    assert left > 0.9 * LEAST_MOTION
+    assert misfit(COORDINATES, here).rank - with_root(COORDINATES, here)[0].held > 0.9 * LEAST_MOTION
 
 
 def turned(rng, rho, sigma, inertia=2.0, number=300):
@@ -166,14 +159,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
     waves = np.sin(np.outer(time, w) + phase)
     measured = (waves @ size + sigma * correlated(rng, number, rho))[:, None]
     channel = (-inertia * waves @ (size * w**2) + 0.1 * rng.normal(size=number))[:, None]
-    piece = Piece(
-        Spline.over(-0.1, time[-1] + 0.1, 0.1),
-        time,
-        measured,
-        time,
-        channel,
-        np.zeros((number, 2, 0)),
-    )
+    piece = Piece(Spline.over(-0.1, time[-1] + 0.1, 0.1), time, measured, time, channel, np.zeros((number, 2, 0)))
     noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
     start = Start(np.array([inertia]), [noise], smoothed([piece], [noise]).coefficients)
     fitted = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))

@@ -29,16 +29,11 @@ def dense(y, sizes, around=np.inf):
 
 
 @pytest.mark.parametrize("s", [0, 1])
-@pytest.mark.parametrize("cuts", [[], [17], [17, 60]])
+@pytest.mark.parametrize("cuts", [[], [17, 60]])
 def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
     y, tails = np.random.default_rng(s).normal(size=(90, 3)), {}
     computed = sum(part.T @ _half(part, COLOURS, 0, s, STEP, tails) for part in np.split(y, cuts))
     np.testing.assert_allclose(computed + computed.T, dense(y, AMPLITUDES[:, s]), rtol=1e-9, atol=1e-9)
-
-
-def piece(start, *, samples=50, origin=0.0):
-    time = start + STEP * np.arange(samples)
-    return SimpleNamespace(time=time, when=time, origin=origin, log=0)
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
@@ -46,56 +41,49 @@ def piece(start, *, samples=50, origin=0.0):
 def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
     """For unit white weights, of two pieces, of which a part r of the noise repeats the other's: against dense sums."""
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
-    places = iter(zip((0.0, start), rows, strict=True))
-
-    def response(*at):
-        first, own = next(places)
-        time = first + STEP * np.arange(50)
-        stream = SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
-        return SimpleNamespace(
-            streams=[stream], blocks=lambda _: [(slice(None), own)], scatter_of_motion=of_motion.copy()
+    times = [first + STEP * np.arange(50) for first in (0.0, start)]
+    streams = [
+        SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
+        for time in times
+    ]
+    responses = iter(
+        SimpleNamespace(
+            streams=[stream], blocks=lambda _, own=own: [(slice(None), own)], scatter_of_motion=of_motion.copy()
         )
-
-    monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
-    monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
+        for stream, own in zip(streams, rows, strict=True)
+    )
     motion = RepeatedMotion({0: 0.0}, start, 9.0, np.array([[r], [0.0]]), np.array([1 + r]))
-    monkeypatch.setattr(sandwich, "repetitions", lambda measurement, fit: [motion])
-    monkeypatch.setattr(sandwich, "response_of", response)
-    monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
-    pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
+    for name, value in {
+        "some_responses": lambda *_: {},
+        "noise_colours": lambda *_: COLOURS,
+        "repetitions": lambda *_: [motion],
+        "response_of": lambda *_: next(responses),
+        "replace": lambda fit, pieces, scatters: scatters,
+    }.items():
+        monkeypatch.setattr(sandwich, name, value)
+    pieces, both = [SimpleNamespace(time=time, when=time, origin=0.0, log=0) for time in times], [np.arange(2)] * 2
     shares = [(np.zeros((2, 2)), None)] * 2
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
-    every = np.concatenate(rows)[:, 0]
-    parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
-    apart = sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    parts = rows[..., 0, :]
+    apart = sum(dense(part, AMPLITUDES[:, 0]) for part in ([np.concatenate(parts)] if start == 1.0 else parts))
     sums = np.zeros((round(start / STEP), 2))
-    for at, own in zip((0, round(start / STEP)), rows, strict=True):
-        np.add.at(sums, (at + np.arange(50)) % len(sums), own[:, 0])
-    repeated = dense(sums, AMPLITUDES[:, 0], around=start)
-    expected = 2 * of_motion + 4 * ((1 - r) * apart + r * repeated)
+    for at, own in zip((0, len(sums)), parts, strict=True):
+        np.add.at(sums, (at + np.arange(50)) % len(sums), own)
+    expected = 2 * of_motion + 4 * ((1 - r) * apart + r * dense(sums, AMPLITUDES[:, 0], around=start))
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
 
-SECONDS = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
-"""Correlation times in samples."""
-
-
-def powers(number, bands=24):
-    """Expected power of white noise and of each kind of slow noise in bands, and the bands' numbers of frequencies."""
-    frequency = np.fft.rfftfreq(number)
-    band = np.clip(np.searchsorted(np.geomspace(1 / number, 0.5, bands + 1), frequency, side="right") - 1, 0, bands - 1)
-    rho = np.where(SECONDS > 0, np.exp(-1 / np.maximum(SECONDS, 1e-9)), 0)
-    each = (1 - rho**2) / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * frequency[:, None]))
-    return np.stack([np.bincount(band, x, bands) for x in each.T], axis=1), np.bincount(band, minlength=bands), band
-
-
 @pytest.mark.parametrize("slow", [0.0, 1.0])
-def test_amplitudes_of_noise_that_was_drawn(slow):
-    rng, number = np.random.default_rng(0), 4000
-    own, counts, band = powers(number)
-    x = rng.normal(size=number) + np.sqrt(slow) * autoregressive(rng, number, np.exp(-1 / 18))
-    observed = np.bincount(band, np.abs(np.fft.rfft(x)) ** 2 / number, len(counts))
-    a = _amplitudes(observed, counts.astype(float), np.zeros(len(counts)), *own.T)
+def test_amplitudes_of_noise_that_was_drawn(slow, number=4000, bands=24):
+    """Of white noise, and of correlation times of 2 to 54 samples."""
+    frequency, rng = np.fft.rfftfreq(number), np.random.default_rng(0)
+    band = np.clip(np.searchsorted(np.geomspace(1 / number, 0.5, bands + 1), frequency, side="right") - 1, 0, bands - 1)
+    rho = np.array([0, *np.exp(-1 / np.array([2.0, 6.0, 18.0, 54.0]))])
+    powers = (1 - rho**2) / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * frequency[:, None]))
+    x = rng.normal(size=number) + np.sqrt(slow) * autoregressive(rng, number, rho[3])
+    own, counts = [np.bincount(band, each, bands) for each in powers.T], np.bincount(band, minlength=bands)
+    observed = np.bincount(band, np.abs(np.fft.rfft(x)) ** 2 / number, bands)
+    a = _amplitudes(observed, counts.astype(float), np.zeros(bands), *own)
     assert a[0] == pytest.approx(1, abs=0.1)
     assert a[1:].sum() == pytest.approx(slow, abs=0.35) and (slow or not a[1:].any())
 
@@ -113,11 +101,10 @@ def test_spectra_are_those_of_noise_that_was_drawn_without_its_slowest_part():
     assert bands.observed[10:].mean(axis=1) == pytest.approx(fast[:, 0], rel=0.05)
 
 
-def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):
+def test_noise_is_estimated_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):
     """Parameters that the selected pieces leave open are known from the others."""
-    monkeypatch.setattr("ident.trajectory.fit.noise_colours.ENOUGH", 400)
-    logs = [shortened(faulty(seed), 400) for seed in range(3)]
-    estimate = ident.identify(PENDULUM, logs, own=["offset"])
+    monkeypatch.setattr(noise_colours, "ENOUGH", 400)
+    estimate = ident.identify(PENDULUM, [shortened(faulty(seed), 400) for seed in range(3)], own=["offset"])
     assert np.isfinite(estimate.std).all() and (estimate.std > 0).all()
 
 
