@@ -1,13 +1,11 @@
 import argparse
 import os
-import re
 import signal
 import subprocess
 import sys
 import traceback
 from contextlib import suppress
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +21,8 @@ from experiments.document.result_folder import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and pipes are otherwise elsewhere")
 COMMAND = "python -m experiments.mechanism"
-ASKED = "please report it in the project's issue tracker"
 
 
 def main_of(error):
@@ -34,26 +32,17 @@ def main_of(error):
     return partial(running.run, study, mechanism.parser)
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        *(kind("the sentence") for kind in (InputError, ModelError, LogError, ExcitationError)),
-        OSError("the sentence"),
-        MemoryError("the sentence"),
-    ],
-    ids=lambda error: type(error).__name__,
-)
-def test_what_users_do_wrong_is_one_sentence(capsys, error):
-    message = refusal(main_of(error), [], capsys)
-    assert message == f"{COMMAND}: error: the sentence\n"
+ERRORS = [InputError, ModelError, LogError, ExcitationError, OSError, MemoryError]
 
 
-def test_an_error_of_a_file_is_its_name_and_what_is_wrong(capsys):
+@pytest.mark.parametrize("kind", ERRORS)
+def test_what_users_do_wrong_is_one_sentence(capsys, kind):
+    assert refusal(main_of(kind("the sentence")), [], capsys) == f"{COMMAND}: error: the sentence\n"
     error = OSError(36, "File name too long", "a.csv")
     assert refusal(main_of(error), [], capsys) == f"{COMMAND}: error: a.csv: File name too long.\n"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="elsewhere pipes end otherwise")
+@posix
 def test_a_closed_pipe_ends_quietly(tmp_path):
     words = ["mechanism", "--formats", "none", "--out", str(tmp_path)]
     code = f"import sys; from experiments.cli.command import main; sys.exit(main({words}))"
@@ -64,7 +53,7 @@ def test_a_closed_pipe_ends_quietly(tmp_path):
     assert (ended.returncode, ended.stderr) == (141, "") and (tmp_path / "table_1.csv").exists()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="elsewhere streams are closed otherwise")
+@posix
 @pytest.mark.parametrize(
     ("streams", "code"), [("1>&-", 0), ("2>&-", 0), ("1>&- 2>&-", 0), (">/dev/full", 2), ("1>&- wrong", 2)]
 )
@@ -79,8 +68,8 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     with pytest.raises(type(error)) as raised:
         main_of(error)(["--out", "a folder"])
     *calls, message, request = traceback.format_exception(raised.value)
-    assert calls[0].startswith("Traceback") and re.search("of (numpy|LAPACK|ours)", message)
-    assert ASKED in request and request.count("\n") == 1
+    assert calls[0].startswith("Traceback") and str(error) in message and request.count("\n") == 1
+    assert "please report it in the project's issue tracker" in request
     assert f"version {version('multicontact')} and the command: {COMMAND} --out 'a folder'\n" in request
 
 
@@ -101,17 +90,16 @@ def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
 
 IGNORES = """
 import sys, time
+import numpy as np
 from experiments import mechanism
-from experiments.cli import options, running
-from experiments.cli.command import COMMANDS, main
+from experiments.cli import running
+
+A = np.eye(1500) + 1e-3
 
 def study(_):
-    running = False
+    print("running", file=sys.stderr, flush=True)
     while True:
         try:
-            if not running:
-                running = True
-                print("running", file=sys.stderr, flush=True)
             time.sleep(60)
         except KeyboardInterrupt:
             pass
@@ -120,13 +108,11 @@ sys.exit(running.run(study, mechanism.parser, []))
 """
 """A command that swallows the exception of a request to end, as libraries do in callbacks."""
 
-COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _ in range(99))").replace(
-    "import sys, time", "import sys\nimport numpy as np\nA = np.eye(1500) + 1e-3"
-)
+COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _ in range(99))")
 """A command in which Python's own handlers have to wait for a library."""
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals to processes are POSIX")
+@posix
 @pytest.mark.parametrize("script", [IGNORES, COMPUTES], ids=["swallowed", "computing"])
 def test_a_request_to_terminate_is_obeyed_where_it_is_swallowed(script):
     with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True) as process:
@@ -136,7 +122,7 @@ def test_a_request_to_terminate_is_obeyed_where_it_is_swallowed(script):
         assert process.stderr.read() == f"{COMMAND}: interrupted; every file is whole.\n"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals to processes are POSIX")
+@posix
 def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
     slow = "import sys, time\nprint('importing', file=sys.stderr, flush=True)\ntime.sleep(60)\n"
     (tmp_path / "scenes.py").write_text(slow)
@@ -152,10 +138,7 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
 
 def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
     for command in ("identify", "batch", "columns", "excite", "payload", "stream"):
-        parser = import_module(f"experiments.{command}").parser()
-        assert any("--base-rpy" in action.option_strings for action in parser._actions) or any(
-            "--base-rpy" in action.option_strings for group in parser._action_groups for action in group._group_actions
-        )
+        assert "--base-rpy" in COMMANDS[command].parser().format_help()
     parser = argparse.ArgumentParser()
     options.add(parser, options.MECHANISM)
     args = parser.parse_args(["--base-rpy", "180", "0", "-90"])
@@ -166,8 +149,7 @@ def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_number_of_the_command_line_is_one_of_a_size_or_refused_in_words(command):
-    names = [action for action in COMMANDS[command].parser()._actions if action.dest != "estimator"]
-    for action in names:
+    for action in COMMANDS[command].parser()._actions:
         for text in ("abc", "nan", "inf", "1e300", "") if action.type not in (None, Path) else ():
             with pytest.raises(argparse.ArgumentTypeError, match=r"^needs an? .*number.*, got "):
                 action.type(text)
@@ -189,11 +171,11 @@ def test_a_refusal_leaves_no_log_of_mujoco(tmp_path, monkeypatch, before):
     assert log.exists() is bool(before)
 
 
-UNUSED = ("scipy.ndimage", "scipy.sparse.linalg", "sim.markers.trial_fit", "experiments.runs.workers")
-"""Modules that take long to import, and that a short recording of joint angles does not need."""
-
-PDF = ("matplotlib.backends.backend_pdf", "matplotlib.backends.backend_svg", "fontTools.subset")
-"""Modules of formats that are not asked for."""
+UNUSED = (
+    *("scipy.ndimage", "scipy.sparse.linalg", "sim.markers.trial_fit", "experiments.runs.workers"),
+    *("matplotlib.backends.backend_pdf", "matplotlib.backends.backend_svg", "fontTools.subset"),
+)
+"""Modules that take long to import: for other recordings than short ones of joint angles, and for other formats."""
 
 
 def test_identify_imports_what_it_needs(tmp_path):
@@ -201,9 +183,7 @@ def test_identify_imports_what_it_needs(tmp_path):
     simulate(scenes.load("double_pendulum"), motion, samples=250, seed=0).save(log)
     model = Path(scenes.__file__).parent / "double_pendulum.xml"
     options = [model, log, "--base", "base", "--out", tmp_path, "--formats", "png"]
-    code = (
-        "import sys; from experiments import identify; assert identify.main(sys.argv[1:]) == 0; "
-        f"print('slow:', *({{*{UNUSED + PDF}}} & set(sys.modules)))"
-    )
+    code = f"""import sys; from experiments import identify; assert identify.main(sys.argv[1:]) == 0
+print('slow:', *({{*{UNUSED}}} & set(sys.modules)))"""
     run = subprocess.run([sys.executable, "-c", code, *map(str, options)], check=True, capture_output=True, text=True)
     assert run.stdout.splitlines()[-1] == "slow:"

@@ -16,12 +16,12 @@ from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose
 from ident.mechanism.motion import Motion
+from ident.model.regressor import base_wrench_regressor
 from ident.parameters.prior import body_covariance
 from ident.recordings.wrench import transform_covariance
 from ident.regression.ordinary import least_squares
 from sim.models.model_mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate, with_noise
 
 TIME = np.arange(943) / 100
 PAPERS = Motion(*DOUBLE_PENDULUM.trajectory(TIME))
@@ -34,19 +34,13 @@ def pendulum():
 
 
 @pytest.mark.slow
-def test_estimates_scatter_by_the_predicted_deviations():
-    noise = (0.5, 0.05)
-    recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=300)
-    arm = mechanism(scenes.load("double_pendulum"), "base")
-    truth = recording.noise_free
-    motion = Motion(*truth.joint_states(arm.tree.joints))
-    levels = dict(zip(("ground_force", "ground_torque"), noise, strict=True))
-    equations, rng, estimates = Equations.of_wrench(arm), np.random.default_rng(0), []
-    covariance = np.diag(np.repeat(np.square(noise), 3))
-    noisy = type(truth)(truth.time, truth.measured, true=truth.measured, units=truth.units, noise=levels)
-    for _ in range(200):
-        wrench = with_noise(noisy, rng).wrench("ground").values
-        estimates.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
+def test_estimates_scatter_by_the_predicted_deviations(pendulum):
+    arm, noise, rng = pendulum.mechanism, (0.5, 0.05), np.random.default_rng(0)
+    motion = Motion(*DOUBLE_PENDULUM.trajectory(TIME[:300]))
+    wrench = base_wrench_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.prior
+    std = np.repeat(noise, 3)
+    samples = (Samples(motion, wrench + std * rng.normal(size=wrench.shape), np.diag(std**2)) for _ in range(200))
+    estimates = [least_squares(Equations.of_wrench(arm), each).psi for each in samples]
     problem = excitation_problem.problem(arm, None, sensors="wrench", noise=noise)
     ratio = np.std(estimates, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
     # The spread of 200 estimates has a relative error of 1/20.

@@ -32,9 +32,8 @@ def test_a_four_bar_is_excited_by_its_crank(tmp_path):
     text = FOUR_BAR.replace('name="rod" axis', 'name="rod" range="-0.5 0.6" axis')
     (tmp_path / "arm.xml").write_text(text.replace("<sensor>", f"{MOTOR}<sensor>"))
     drives = ["--sensors", "torque", "--drive", "auto"]
-    given = [str(tmp_path / "arm.xml"), *QUICK, *drives, "--out", str(tmp_path / "out")]
-    assert excite.main(given) == 0
-    motion = Recording.load(next((tmp_path / "out").rglob("trajectory.npz")))
+    assert excite.main([str(tmp_path / "arm.xml"), *QUICK, *drives, "--out", str(tmp_path / "out")]) == 0
+    motion = Recording.load(tmp_path / "out" / "trajectory.npz")
     names, arm = ("crank", "rod", "rocker"), read(FOUR_BAR).closed(("rod", "rocker"))
     states = [np.stack([motion[f"{name}_{kind}"] for name in names], axis=1) for kind in ("position", "velocity")]
     assert states[0][:, 1].min() > -0.5 and states[0][:, 1].max() < 0.6
@@ -68,10 +67,7 @@ def test_collisions_of_dependent_bodies_count():
     depth = walls.depth(q, 0.08)
     assert (depth > 0).any() and (depth == 0).any()
     apart = q[depth > 0][:1]
-    low, high = (
-        walls.barrier_and_slope(apart - 1e-6, 1e-3, 0.08)[0],
-        walls.barrier_and_slope(apart + 1e-6, 1e-3, 0.08)[0],
-    )
+    low, high = (walls.barrier_and_slope(apart + step, 1e-3, 0.08)[0] for step in (-1e-6, 1e-6))
     assert walls.barrier_and_slope(apart, 1e-3, 0.08)[1] == pytest.approx((high - low) / 2e-6, rel=1e-4)
 
 
