@@ -91,7 +91,7 @@ def folder(tmp_path_factory):
     result(out / "thigh", [1.0, 2.0, 3.0], log="x", bodies=("base", "thigh"))
     for name in ("one", "another"):
         result(out / name, [1.0, 2.0, 3.0], log=name, covariance=np.ones((3, 3)))
-    for name, old, new in (("broken", '"covariance"', '"other"'), ("flat", '"std_setup": [', '"std_setup": [0.0, ')):
+    for name, old, new in (("broken", '"covariance"', '"other"'), ("flat", '"std_setup": [', '"std_setup": [-')):
         file = out / name / "estimate.json"
         file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     return out

@@ -1,7 +1,6 @@
 """The log of README's example: it is the one that is simulated, and its estimate is usable and right."""
 
 import re
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +18,14 @@ pytestmark = pytest.mark.slow
 SCENES = Path(scenes.__file__).parent
 
 
-@cache
-def example():
-    arm = sim.mechanism(SCENES / "arm.xml", base="base")
-    return arm, ident.identify(arm, ident.read_log(SCENES / "arm.csv", arm))
+@pytest.fixture(scope="module")
+def arm():
+    return sim.mechanism(SCENES / "arm.xml", base="base")
 
 
-def loaded(arm):
-    """φ of the arm's bodies, the tool's with the load (10 b,)."""
-    phi = arm.known.reshape(-1, 10).copy()
-    inertia = 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
-    phi[-1] += parameters_from_com(drawings.LOAD, np.array(drawings.PLACE), inertia)
-    return phi.ravel()
+@pytest.fixture(scope="module")
+def estimate(arm):
+    return ident.identify(arm, ident.read_log(SCENES / "arm.csv", arm))
 
 
 def test_the_log_is_made_anew(tmp_path):
@@ -45,25 +40,22 @@ def test_the_log_is_made_anew(tmp_path):
     assert (SCENES / "arm.csv").stat().st_size < 200_000
 
 
-def test_its_estimate_is_usable_and_its_intervals_cover_the_truth():
-    arm, estimate = example()
+def test_its_estimate_is_usable_and_its_intervals_cover_the_truth(arm, estimate):
     assert estimate.verdict().usable and not estimate.setup
-    true = truth(estimate.fit.equations, loaded(arm), drives(arm, scenes.load("arm").compile()))
+    loaded = arm.known.copy()
+    inertia = 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
+    loaded[-10:] += parameters_from_com(drawings.LOAD, np.array(drawings.PLACE), inertia)
+    true = truth(estimate.fit.equations, loaded, drives(arm, scenes.load("arm").compile()))
     error = abs(estimate.fit.values[: len(true)] - true)
     assert len(true) > 35 and (error < 1.96 * estimate.fit.std[: len(true)]).mean() > 0.9
     assert (error < 1.96 * np.sqrt(np.diag(estimate.covariance_setup))[: len(true)]).all()
 
 
-def test_the_load_is_in_the_updated_tool():
-    arm, estimate = example()
-    masses = dict(zip(arm.bodies, estimate.consistent().phi[::10], strict=True))
-    assert masses["tool"] == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
-    for name, mass in zip(arm.bodies[:-1], arm.known[::10], strict=False):
-        assert masses[name] == pytest.approx(mass, rel=0.05)
-
-
-def test_readme_has_the_interval_of_the_tools_mass():
-    mass = example()[1].consistent().intervals[-1][0]
+def test_the_load_is_in_the_updated_tool_with_the_interval_of_readme(arm, estimate):
+    consistent = estimate.consistent()
+    *others, tool = consistent.phi[::10]
+    assert tool == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
+    assert others == pytest.approx(arm.known[:-10:10], rel=0.05)
     text = (SCENES.parent / "README.md").read_text(encoding="utf-8")
     low, high = re.search(r"the tool has ([\d.]+) to ([\d.]+) kg", text).groups()
-    assert (float(low), float(high)) == pytest.approx(tuple(mass), abs=0.0051)
+    assert (float(low), float(high)) == pytest.approx(tuple(consistent.intervals[-1][0]), abs=0.0051)

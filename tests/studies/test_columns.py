@@ -47,7 +47,7 @@ def test_what_is_there_is_replaced_by_force_alone_and_other_logs_need_the_same_c
     assert columns.main([*arguments, "--force"]) == 0 and mapping.read_bytes() == first
     another = tmp_path / "another.csv"
     another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
-    message = refusal(columns.main, [*arguments, str(another)], capsys)
+    message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
     assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message
 
 
@@ -72,13 +72,13 @@ def test_plates_under_a_person_rest_in_the_world(tmp_path, capsys):
 def test_few_of_many_columns_are_listed(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     header, *rows = path.read_text().splitlines()
-    wide = [";".join([header, *(f"x{k}" for k in range(300))])]
+    wide = [";".join([header, *(f"x{k}" for k in range(150))])]
     for i, row in enumerate(rows):
-        wide.append(";".join([row, *(str(0.1 * (i + k) ** 2 % 7).replace(".", ",") for k in range(300))]))
+        wide.append(";".join([row, *(str(0.1 * (i + k) ** 2 % 7).replace(".", ",") for k in range(150))]))
     path.write_text("\n".join(wide), encoding="utf-8")
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 180
+    assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 150
 
 
 @pytest.mark.parametrize("huge", ["9e29", "-1e100"])

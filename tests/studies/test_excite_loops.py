@@ -17,7 +17,7 @@ from sim.motion.collisions import Collisions, reachable
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
-QUICK = ["--starts", "1", "--iterations", "4", "--seconds", "3", "--harmonics", "3", "--position", "-1", "1"]
+QUICK = ["--starts", "1", "--iterations", "2", "--seconds", "3", "--harmonics", "3", "--position", "-1", "1"]
 SPHERE = '<geom size=".01" pos="0 0 .05" mass=".08"/>'
 MOTOR = '<actuator><motor joint="crank"/></actuator>'
 

@@ -26,7 +26,7 @@ COLUMNS = ["parameter", "body", *(f"{kind}_{model}" for model in MODELS for kind
 
 @pytest.fixture(scope="module")
 def study():
-    return packaged_study("misaligned", seed=3)
+    return packaged_study("misaligned", seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def run(study):
     def written(out, *formats):
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
-            assert misaligned.main(["--out", str(out), "--seed", "3", "--formats", *formats]) == 0
+            assert misaligned.main(["--out", str(out), "--seed", "0", "--formats", *formats]) == 0
         return out
 
     return written
@@ -54,7 +54,7 @@ def test_everything_is_written(results):
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
     origin = entries_of(results / "provenance.json")
-    own = {"seed": 3, "samples": 943, "tilt_deg": 5.0, "azimuth_deg": 120.0, "noise_scale": 1.0}
+    own = {"seed": 0, "samples": 943, "tilt_deg": 5.0, "azimuth_deg": 120.0, "noise_scale": 1.0}
     assert origin["options"] == own | {"formats": list(paper.FORMATS)}
     assert len(origin["recording"]["scene_sha256"]) == 64
     assert "joint angles and wrenches alone" in origin["estimators"]["trajectory"]
@@ -209,5 +209,7 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
     trial = trajectory_fit(study.mechanism("full_on_table"), recording, study.fit("full_on_table").base)
     np.testing.assert_array_equal(trial.psi, study.trajectory("full_on_table").psi)
     np.testing.assert_array_equal(trial.std, study.trajectory("full_on_table").std)
-    # It does not know that axes are tilted.
+
+
+def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5

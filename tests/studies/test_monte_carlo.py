@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from commands import rows_of
-from trial_runs import Mortal, draw, interrupted, kept, resumed, run
+from trial_runs import Mortal, draw, interrupted, kept, run
 
 from experiments import multicontact
 from experiments.data import paper
@@ -48,14 +48,16 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path):
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 24, tmp_path, file="whole.npz")
+    (fatal,) = source.recordings([15])
+    mortal = Mortal(fatal["ground_force"][0, 0], tmp_path / "died")
     with pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers"):
-        run(source, 24, tmp_path, analyse=Mortal.at(15, source, tmp_path), given=workers.Workers(2))
+        run(source, 24, tmp_path, analyse=mortal, given=workers.Workers(2))
     assert "The trials done so far are in" in capsys.readouterr().err
     # At most those of its batch and of the other worker are lost.
     before = kept(tmp_path)
     assert 8 <= len(before) <= 15
     np.testing.assert_array_equal(before, whole[: len(before)])
-    np.testing.assert_array_equal(resumed(source, 24, tmp_path), whole)
+    np.testing.assert_array_equal(run(source, 24, tmp_path, given=workers.Workers(resume=True)), whole)
 
 
 def distribution(outcomes):
@@ -101,23 +103,17 @@ def test_statistics(tmp_path):
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     """With least squares in place of the trajectory estimate, so that its trials are the first of the others."""
-    monkeypatch.setattr(
-        simulation, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
-    )
+    done = []
+
+    def quick(problem, model, recording):
+        done.append(model)
+        if len(done) == 4:
+            raise KeyboardInterrupt
+        return trial(problem, [model], recording)
+
+    monkeypatch.setattr(simulation, "trajectory_trial", quick)
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
-    work, calls = workers.in_order, []
-
-    def interrupted(*args, **more):
-        calls.append(args)
-        for k, outcomes in enumerate(work(*args, **more)):
-            # Each run of trials asks for those to do again, and for the rest.
-            if len(calls) == 4 and k == 3:
-                raise KeyboardInterrupt
-            yield outcomes
-
-    with monkeypatch.context() as patched:
-        patched.setattr(workers, "in_order", interrupted)
-        assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
+    assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
     assert multicontact.main([*command, "--trajectory-trials", "6", "--resume"]) == 0
     np.testing.assert_array_equal(kept(tmp_path, simulation.TRAJECTORY_FILE), kept(tmp_path)[:6])

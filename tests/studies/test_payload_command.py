@@ -28,7 +28,7 @@ def files(tmp_path):
     """The arm with a tool whose mass is wrong, and a log in two files with their own columns."""
     model, log, felt, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "felt.csv", "columns.toml"))
     model.write_text(wrist.model(tool={**wrist.TOOL, "mass": 0.25}), encoding="utf-8")
-    recording = wrist.log(seconds=8.0)
+    recording = wrist.log(seconds=5.0)
     angles = [recording[f"{joint}_position"] for joint in wrist.JOINTS]
     wrench = [*recording["wrist_force"].T, *recording["wrist_torque"].T]
     for path, names, cells in ((log, wrist.JOINTS, angles), (felt, ("fx", "fy", "fz", "tx", "ty", "tz"), wrench)):
@@ -70,7 +70,7 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
 
     (log,) = entries_of(out / "provenance.json")["recording"]["logs"]
     assert [(each["file"], len(each["sha256"])) for each in log["files"]] == [("run.csv", 64), ("felt.csv", 64)]
-    assert log["samples"] == 800
+    assert log["samples"] == 500
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "set_target_payload" in page and "&lt;inertial" in page
 
