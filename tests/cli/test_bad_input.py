@@ -21,7 +21,7 @@ from sim.simulation.simulate import simulate
 
 ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
 MOTOR = '<actuator><motor joint="crank"/></actuator>'
-MODELS = {
+TEXTS = {
     "fold.xml": FOLDING,
     "overlapping.xml": FOLDING.replace('size="0.1" mass="2"', 'size="0.5" mass="2"'),
     "free.xml": ALONE.format('<joint name="j" range="-1 1"/>').replace("<geom", '<geom contype="0" conaffinity="0"'),
@@ -32,22 +32,12 @@ MODELS = {
     "four_bar.xml": FOUR_BAR,
     "truss.xml": FOUR_BAR.replace("<connect", "<weld"),
     "held.xml": SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'),
-    "ghost.xml": '<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>',
-    "empty.xml": "<mujoco><worldbody/></mujoco>",
-}
-"""Model files."""
-
-TABLES = {
     "empty.csv": "",
     "words.csv": "hello\n",
     "two.csv": "time,a\n1,2\n2,3\n",
     "timeless.csv": "a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)),
     "file": "in the way",
     "nobody.toml": '[joints.nobody]\nposition = "q"\n',
-}
-"""Files that are no logs."""
-
-PLACES = {
     "nose.toml": '[markers.NOSE]\nsite = "pelvis_0"',
     "no_site.toml": '[markers.pelvis_0]\nsite = "nose"',
     "no_body.toml": '[markers.pelvis_0]\nbody = "x"\nposition = [0, 0, 0]',
@@ -57,14 +47,14 @@ PLACES = {
     "unit.toml": 'unit = "m"',
     "groups.toml": '[scale]\ngroups = ["pelvis"]',
 }
-"""Files with the places of markers."""
+"""Models, files that are no logs, and places of markers."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Folder with all files that the commands are given."""
     out = tmp_path_factory.mktemp("bad")
-    for name, text in (MODELS | TABLES | PLACES).items():
+    for name, text in TEXTS.items():
         (out / name).write_text(text, encoding="utf-8")
     log = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=600)
     still = {f"{joint}_{kind}": 0 * log.time for joint in ("joint1", "joint2") for kind in STATES}

@@ -68,12 +68,14 @@ def pendulum(tmp_path_factory):
     (out / "arm.xml").write_text(spec.to_xml())
     data, sites = mujoco.MjData(model), [f"{body}_{k}" for body in names for k in range(4)]
     joints = sim.mechanism(spec, base="base").tree.joints
-    x = []
+    at = []
     for q in np.stack([recorded.true[f"{joint}_position"] for joint in joints], axis=1):
         data.qpos = q
         mujoco.mj_kinematics(model, data)
-        x.append([data.site(site).xpos.copy() for site in sites])
-    (out / "run.trc").write_text(trc(recorded.time, sites, np.array(x) + STD * rng.normal(size=(200, len(sites), 3))))
+        at.append([data.site(site).xpos.copy() for site in sites])
+    x = np.array(at) + STD * rng.normal(size=(200, len(sites), 3))
+    (out / "run.trc").write_text(trc(recorded.time, sites, x))
+    (out / "upward_y.trc").write_text(trc(recorded.time, sites, x[:, :, [0, 2, 1]] * [1, 1, -1]))
     wrenches = {name: recorded[name] for name in ("ground_force", "ground_torque")}
     Recording(recorded.time, wrenches).save(out / "wrenches.csv")
     return out, recorded, joints
@@ -105,25 +107,15 @@ def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path, capsys):
 def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
     model = sim.mechanism(folder / "arm.xml").source.model
-    places = {model.site(s).name: s for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"}
-    entries = "".join(
-        f'[markers.{label}]\nbody = "{model.body(model.site_bodyid[s]).name}"\n'
-        f"position = {model.site_pos[s].tolist()}\n"
-        for label, s in places.items()
-    )
-    (tmp_path / "places.toml").write_text('up = "y"\n' + entries)
-    lines = (folder / "run.trc").read_text().split("\n")
-    for k, line in enumerate(lines[6:-1], start=6):
-        cells = line.split("\t")
-        for c in range(2, len(cells), 3):
-            x, y, z = cells[c : c + 3]
-            cells[c : c + 3] = x, z, repr(-float(y))
-        lines[k] = "\t".join(cells)
-    (tmp_path / "up.trc").write_text("\n".join(lines))
+    entries = ['up = "y"']
+    for site in (model.site(s) for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"):
+        body = model.body(site.bodyid[0]).name
+        entries.append(f'[markers.{site.name}]\nbody = "{body}"\nposition = {site.pos.tolist()}')
+    (tmp_path / "places.toml").write_text("\n".join(entries))
     bare = scenes.load("double_pendulum")
     bare.compile()
     (tmp_path / "bare.xml").write_text(bare.to_xml())
-    arguments = [str(tmp_path / "bare.xml"), str(tmp_path / "up.trc"), "--places", str(tmp_path / "places.toml")]
+    arguments = [str(tmp_path / "bare.xml"), str(folder / "upward_y.trc"), "--places", str(tmp_path / "places.toml")]
     assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
     recording = Recording.load(tmp_path / "out" / "angles.csv")
     for joint in joints:

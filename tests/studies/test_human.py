@@ -40,7 +40,12 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys, monkeypatch):
     printed = capsys.readouterr().out
     assert "trajectory estimate" in printed and "recording_2_arm_swings.npz" in printed
     assert f'ident.Recording.load("{out / "recording_1_squats.npz"}")' in " ".join(printed.split())
-    assert len(list(out.glob("recording_*"))) == 2 and replayed(out / "report.html")["estimated"]
+    person, saved = persons.briefly(), sorted(out.glob("recording_*"))
+    for file, activity, recording in zip(saved, person.activities, person.recordings, strict=True):
+        assert any(fnmatch(file.name, pattern) for pattern in human_report.OUTPUTS)
+        assert_same_recording(Recording.load(file), recording)
+        assert recording.setup and recording.provenance["activity"] == activity
+    assert replayed(out / "report.html")["estimated"]
     numbers = entries_of(out / "summary.json")["plates_and_rail"]
     assert numbers["coverage_of_determined"] > 0.85 and numbers["rms_z"] < 1.4 and numbers["determined"] >= 10
     (late,) = (each for each in numbers["set_up"] if each["name"].startswith("delay"))
@@ -87,17 +92,6 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
     assert float(first["times_better"]) == pytest.approx(better.min())
     assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not every["noise_of_angles"]
     assert "laboratory" in refusal(main, [c for c in command if c != "--no-rail"] + ["--resume"], capsys)
-
-
-@pytest.mark.slow
-def test_recordings_are_saved_as_they_were_simulated(tmp_path):
-    study = persons.at_a_rail()
-    for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), start=1):
-        name = human_report.recording_file(number, activity)
-        assert any(fnmatch(name, pattern) for pattern in human_report.OUTPUTS)
-        recording.save(tmp_path / name)
-        assert_same_recording(Recording.load(tmp_path / name), recording)
-        assert recording.setup and recording.provenance["activity"] == activity
 
 
 @pytest.mark.slow

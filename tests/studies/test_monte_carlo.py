@@ -66,14 +66,16 @@ def distribution(outcomes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("contact", "samples", "trials"), [("pad", "100", 500), ("pad handle", "300", 250)])
-def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path, contact, samples, trials):
+@pytest.mark.parametrize(
+    ("contact", "samples", "trials", "off"), [("pad", "100", 500, 0.02), ("pad handle", "300", 250, 0.04)]
+)
+def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path, contact, samples, trials, off):
     """A number n of trials determines a standard deviation to 1 / sqrt(2 n), and a coverage to 1 % or 1.4 %."""
     source = draw(tmp_path, "--redraw", "wrench", samples=samples, contact=contact)
     analyse = partial(trial, StudyProblem.of(packaged("multicontact", contact=contact)), ("contact",))
     errors_of = distribution(run(source, trials, tmp_path, analyse=analyse))
     np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=3.15 / np.sqrt(2 * trials))
-    assert (abs(errors_of.coverage - 0.95) <= 0.02 * np.sqrt(500 / trials)).all()
+    assert (abs(errors_of.coverage - 0.95) <= off).all()
     assert abs(errors_of.coverage.mean() - 0.95) <= 0.02
     assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(trials)).all()
 
