@@ -1,5 +1,6 @@
 """Bad input of every command is one sentence, exit code 2, and leaves no results behind."""
 
+import re
 import shlex
 import shutil
 from dataclasses import replace
@@ -81,9 +82,9 @@ def folder(tmp_path_factory):
     result(out / "thigh", [1.0, 2.0, 3.0], log="x", bodies=("base", "thigh"))
     for name in ("one", "another"):
         result(out / name, [1.0, 2.0, 3.0], log=name, covariance=np.ones((3, 3)))
-    for name, old, new in (("broken", '"covariance"', '"other"'), ("flat", '"std_setup": [', '"std_setup": [-')):
+    for name, old, new in (("broken", '"covariance"', '"other"'), ("flat", r'("std_setup": \[)[^,]+', r"\g<1>0")):
         file = out / name / "estimate.json"
-        file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+        file.write_text(re.sub(old, new, file.read_text(encoding="utf-8")), encoding="utf-8")
     return out
 
 
