@@ -73,6 +73,8 @@ def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
     ):
         with pytest.raises(InputError, match=sentence):
             estimate[name]
+    with pytest.raises(InputError, match=r"The estimate has no parameters of 'Fores'; near that are fore\."):
+        estimate.by_body["Fores"]
 
 
 @pytest.mark.parametrize("estimate", [quick, jointly])

@@ -195,6 +195,9 @@ def test_what_cannot_be_derived_is_refused(tmp_path, capsys):
         expected = "options --base and --ignore need an MJCF or URDF file, got 'table_2'."
         assert expected in refusal(derive.main, ["table_2", option, "foot"], capsys)
     assert "no body besides the world" in refusal(derive.main, [str(chain(tmp_path))], capsys)
+    light = tmp_path / "light.xml"
+    light.write_text('<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>', encoding="utf-8")
+    assert "A mechanism needs mass; ghost" in refusal(derive.main, [str(light)], capsys)
 
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):

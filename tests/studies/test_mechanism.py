@@ -11,9 +11,9 @@ from persons import at_a_rail
 from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
+from experiments.cli.command import main
 from experiments.data import paper
 from experiments.document.figures import SHEET
-from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers
 from experiments.studies import pendulum_drawn, person_on_plates
@@ -55,7 +55,7 @@ def test_table_1_as_printed_is_the_double_pendulum():
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
-    assert main(["--out", str(tmp_path), "--formats", "pdf"]) == 0
+    assert main(["mechanism", "--out", str(tmp_path), "--formats", "pdf"]) == 0
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
     assert f"/MediaBox [ 0 0 {72 * SHEET.column:g} ".encode() in (tmp_path / "figure_1.pdf").read_bytes()
     assert entries_of(tmp_path / "provenance.json")["options"] == {"formats": ["pdf"]}
