@@ -55,25 +55,18 @@ class Browser:
         return self.call("element", using="css selector", value=selector)[ELEMENT]
 
     def click(self, selector):
-        """Clicks on the element."""
         self.call(f"element/{self.element(selector)}/click")
 
     def type(self, selector, keys):
-        """Types into the element."""
         self.call(f"element/{self.element(selector)}/value", text=keys)
 
     def drag(self, selector, start, end):
         """Scrolls to the element and drags the mouse within it, between distances from its centre in pixels."""
         self.run(f"document.querySelector({json.dumps(selector)}).scrollIntoView({{block: 'center'}})")
-        origin = {ELEMENT: self.element(selector)}
-        move = {"type": "pointerMove", "duration": 50, "origin": origin}
-        actions = [
-            {**move, "x": start[0], "y": start[1]},
-            {"type": "pointerDown", "button": 0},
-            {**move, "x": end[0], "y": end[1]},
-            {"type": "pointerUp", "button": 0},
-        ]
-        self.call("actions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
+        move = {"type": "pointerMove", "duration": 50, "origin": {ELEMENT: self.element(selector)}}
+        there, back = ({**move, "x": x, "y": y} for x, y in (start, end))
+        down, up = ({"type": kind, "button": 0} for kind in ("pointerDown", "pointerUp"))
+        self.call("actions", actions=[{"type": "pointer", "id": "mouse", "actions": [there, down, back, up]}])
 
     def log(self, kind):
         """New log entries: messages of the `browser`, or events of the `performance` log."""

@@ -1,4 +1,7 @@
-"""Refusals of bad input by commands and calls."""
+"""What commands and calls leave: refusals of bad input, tables and entries of their files."""
+
+import csv
+import json
 
 import pytest
 
@@ -23,3 +26,13 @@ def sentence_of(call, *given, **options):
         call(*given, **options)
     assert "\n" not in str(refused.value)
     return str(refused.value)
+
+
+def rows_of(path):
+    """Rows of a CSV file by its columns."""
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def entries_of(path):
+    """Entries of a JSON file."""
+    return json.loads(path.read_text(encoding="utf-8"))

@@ -15,6 +15,9 @@ gc.set_threshold(1_000_000)
 PEOPLE = ("document/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
 """Files that share simulated people (`persons`), which take longest."""
 
+STUDIES = ("tests/test_paper.py", "docs/test_readme.py", "studies/test_misaligned.py", "studies/test_multicontact.py")
+"""Files that share the package's studies (`shared_studies`)."""
+
 FIRST = (
     *PEOPLE,
     *(f"studies/test_{name}.py" for name in ("identify", "misaligned", "trajectory_identification", "multicontact")),
@@ -44,7 +47,7 @@ def pytest_xdist_make_scheduler(config, log):
     class Together(LoadFileScheduling):
         def _split_scope(self, nodeid):
             file = super()._split_scope(nodeid)
-            return PEOPLE[0] if file.endswith(PEOPLE) else file
+            return next((group[0] for group in (PEOPLE, STUDIES) if file.endswith(group)), file)
 
     return Together(config, log) if config.getvalue("dist") == "loadfile" else None
 

@@ -12,23 +12,7 @@ from registered import written as entry_file
 from stand_ins import Here, leave_undrawn, use_truth
 
 import scenes
-from experiments import (
-    angles,
-    batch,
-    compare,
-    excite,
-    human,
-    identify,
-    mechanism,
-    misaligned,
-    multicontact,
-    payload,
-    stream,
-    study,
-    sweep,
-    validate,
-)
-from experiments.__main__ import main as everything
+from experiments.cli.command import COMMANDS as MODULES
 from experiments.data import paper
 from experiments.document.writer import PAGE
 from experiments.runs import workers
@@ -38,8 +22,12 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
 PNG = ["--formats", "png"]
-SHORT = ["--samples", "150", *PNG]
-TRIALS = ["--trials", "2", "--redraw", "sensors"]
+SHORT = ["--samples", "150"]
+
+
+def _run(folder, name, *arguments):
+    """Exit code of a command that writes into `out`."""
+    return MODULES[name].main([*map(str, arguments), "--out", str(folder / "out"), *PNG])
 
 
 def _identify(folder):
@@ -51,21 +39,21 @@ def _compare(folder):
     with pytest.MonkeyPatch.context() as patched:
         leave_undrawn(patched)
         for seed, name in enumerate("ab"):
-            assert identify.main(options(folder, "--name", name, seed=seed)) == 0
-    return compare.main([str(folder / "a"), str(folder / "b"), "--out", str(folder / "out")])
+            assert MODULES["identify"].main(options(folder, "--name", name, seed=seed)) == 0
+    return _run(folder, "compare", folder / "a", folder / "b")
 
 
 def _payload(folder):
     (folder / "arm.xml").write_text(wrist.model(), encoding="utf-8")
     wrist.log(seconds=4.0).save(folder / "arm.npz")
-    files = [str(folder / "arm.xml"), str(folder / "arm.npz")]
-    return payload.main([*files, "--body", "tool", "--sensor", "wrist", "--name", "out", "--out", str(folder)])
+    given = [folder / "arm.xml", folder / "arm.npz", "--body", "tool", "--sensor", "wrist", "--name", "out"]
+    return MODULES["payload"].main([*map(str, given), "--out", str(folder)])
 
 
 def _stream(folder):
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=200).save(folder / "log.npz")
-    given = [str(PENDULUM), str(folder / "log.npz"), "--base", "base"]
-    return stream.main([*given, "--cutoff", "8", "--name", "out", "--out", str(folder), *PNG])
+    given = [PENDULUM, folder / "log.npz", "--base", "base", "--cutoff", "8", "--name", "out", "--out", folder]
+    return MODULES["stream"].main([*map(str, given), *PNG])
 
 
 def _angles(folder):
@@ -75,7 +63,7 @@ def _angles(folder):
     time, _, x = trial(model, 40)
     x += 0.002 * np.random.default_rng(0).normal(size=x.shape)
     (folder / "walk.trc").write_text(trc(time, labels_of(model), x))
-    return angles.main([*map(str, (folder / "person.xml", folder / "walk.trc")), "--scale", *_out(folder)])
+    return _run(folder, "angles", folder / "person.xml", folder / "walk.trc", "--scale")
 
 
 def _validate(folder):
@@ -84,7 +72,7 @@ def _validate(folder):
     entry = read_entry(entry_file(folder, text))
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})
-        return validate.main(["--data", str(folder), "--workers", "1", *_out(folder)])
+        return _run(folder, "validate", "--data", folder, "--workers", "1")
 
 
 def _batch(folder):
@@ -92,24 +80,13 @@ def _batch(folder):
     logs = [folder / f"run{seed}.csv" for seed in range(2)]
     for seed, log in enumerate(logs):
         driven_arm.log(4.0, 50.0, seed=seed).save(log)
-    files = map(str, (folder / "arm.xml", *logs))
-    return batch.main([*files, "--estimator", "weighted", "--cutoff", "8", *_out(folder)])
-
-
-def _sweep(folder):
-    assert sweep.main(["multicontact", "--over", "samples", "100", "150", "--out", str(folder), *PNG]) == 0
-    (folder / "multicontact" / "samples").rename(folder / "out")
-    return 0
+    return _run(folder, "batch", folder / "arm.xml", *logs, "--estimator", "weighted", "--cutoff", "8")
 
 
 def _paper(folder):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(paper, "SAMPLES", 200)
-        return everything(_out(folder))
-
-
-def _out(folder):
-    return ["--out", str(folder / "out"), *PNG]
+        return _run(folder, "paper")
 
 
 COMMANDS = {
@@ -118,18 +95,20 @@ COMMANDS = {
     "payload": _payload,
     "stream": _stream,
     "angles": _angles,
-    "human": lambda folder: human.main(["--workers", "1", *_out(folder)]),
+    "human": lambda folder: _run(folder, "human", "--workers", "1"),
     "validate": _validate,
-    "sweep": _sweep,
+    "sweep": lambda folder: _run(folder, "sweep", "multicontact", "--over", "samples", "100", "150"),
     "batch": _batch,
-    "mechanism": lambda folder: mechanism.main(_out(folder)),
-    "excite": lambda folder: excite.main(["double_pendulum", "--starts", "1", "--iterations", "3", *_out(folder)]),
-    "misaligned": lambda folder: misaligned.main(["--out", str(folder / "out"), *SHORT, *TRIALS]),
-    "multicontact": lambda folder: multicontact.main(["--out", str(folder / "out"), *SHORT]),
-    "study": lambda folder: study.main(["several_contacts", "--out", str(folder / "out"), *SHORT]),
+    "mechanism": lambda folder: _run(folder, "mechanism"),
+    "excite": lambda folder: _run(folder, "excite", "double_pendulum", "--starts", "1", "--iterations", "3"),
+    "misaligned": lambda folder: _run(folder, "misaligned", *SHORT, "--trials", "2", "--redraw", "sensors"),
+    "multicontact": lambda folder: _run(folder, "multicontact", *SHORT),
+    "study": lambda folder: _run(folder, "study", "several_contacts", *SHORT),
     "paper": _paper,
 }
 """Functions that write a command's page into `out` in a folder, by names of `experiments.cli.command`; 0 on success."""
+
+PLACES = {"paper": "index.html", "sweep": f"multicontact/samples/{PAGE}"}
 
 
 def written(name, folder):
@@ -139,4 +118,4 @@ def written(name, folder):
         patched.setattr(persons_study, "study", lambda *_, **__: briefly())
         use_truth(patched)
         assert COMMANDS[name](folder) == 0
-    return folder / "out" / ("index.html" if name == "paper" else PAGE)
+    return folder / "out" / PLACES.get(name, PAGE)

@@ -19,11 +19,9 @@ def options(folder, *more, seed=0):
     """Writes the log, and returns options of the command that writes the page."""
     spec = scenes.load("double_pendulum", contact="pad")
     original = simulate(spec, DOUBLE_PENDULUM, samples=500, seed=seed)
-    channels = ("ground", "contact", "joint")
-    kept = {name: x for name, x in original.measured.items() if name.startswith(channels)}
+    kept = {name: x for name, x in original.measured.items() if name.startswith(("ground", "contact", "joint"))}
     cell = Sensor(*mechanism(spec, "base").site("contact"), applied_to_link=False)
-    log = replace(original, measured=kept, true={}, noise={}).with_sensors({"contact": cell})
-    log.save(folder / "log.npz")
+    replace(original, measured=kept, true={}, noise={}).with_sensors({"contact": cell}).save(folder / "log.npz")
     given = ["--base", "base", "--estimator", "weighted", "--name", "out", "--out", str(folder), *more]
     return [str(PENDULUM), str(folder / "log.npz"), *given]
 

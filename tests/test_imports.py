@@ -7,22 +7,12 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import pytest
-
 import ident
 
 ROOT = Path(ident.__file__).parents[1]
 LADDER = (
-    "geometry",
-    "mechanism",
-    "model",
-    "parameters",
-    "files",
-    "recordings",
-    "estimation",
-    "regression",
-    "trajectory",
-    "judgement",
+    *("geometry", "mechanism", "model", "parameters", "files"),
+    *("recordings", "estimation", "regression", "trajectory", "judgement"),
 )
 """Rooms of `ident`; each imports from those before it, and from `errors`."""
 
@@ -79,6 +69,7 @@ def imported(path):
 
 
 def test_imports_point_one_way():
+    """Packages that only a clone has, such as `docs`, are not among these."""
     for path in MODULES:
         package, room = path.relative_to(ROOT).parts[:2]
         packages = {name.partition(".")[0] for name in imported(path)} - sys.stdlib_module_names
@@ -88,35 +79,27 @@ def test_imports_point_one_way():
             assert used.isdisjoint({*LADDER[LADDER.index(room) + 1 :], *ABOVE}), path
 
 
-@pytest.mark.parametrize("room", WITHIN)
-def test_studies_know_no_output(room):
-    for path in sorted((ROOT / "experiments" / room).glob("*.py")):
-        if str(path.relative_to(ROOT)) != OF_ALL_COMMANDS:
-            used = {name.split(".")[1] for name in imported(path) if name.startswith("experiments.")}
-            assert used <= WITHIN[room] | {room}, path
-
-
-def test_reports_take_what_studies_return_and_compute_nothing():
-    for path in sorted((ROOT / "experiments/reports").glob("*.py")):
-        names = [name.rpartition(".")[2] for name in imported(path) if name.startswith("experiments.studies.")]
-        assert all(name[0].isupper() for name in names), path
+def test_studies_know_no_output_and_reports_compute_nothing():
+    for room, others in WITHIN.items():
+        for path in sorted((ROOT / "experiments" / room).glob("*.py")):
+            used = [name.split(".") for name in imported(path) if name.startswith("experiments.")]
+            if str(path.relative_to(ROOT)) != OF_ALL_COMMANDS:
+                assert {name[1] for name in used} <= others | {room}, path
+            if room == "reports":
+                assert all(name[-1][0].isupper() for name in used if name[1] == "studies"), path
 
 
 def test_no_modules_import_each_other():
     """Also for types alone, and within functions; a tree that is closed holds a closure, which holds trees."""
-    names = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in MODULES}
-    names = {name.removesuffix(".__init__"): path for name, path in names.items()}
-    graph = {
-        name: {each if each in names else each.rpartition(".")[0] for each in imported(path)} & names.keys() - {name}
-        for name, path in names.items()
-    }
+    dotted = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in MODULES}
+    names = {name.removesuffix(".__init__"): path for path, name in dotted.items()}
+    graph = {}
+    for name, path in names.items():
+        modules = {each if each in names else each.rpartition(".")[0] for each in imported(path)}
+        graph[name] = modules & names.keys() - {name}
     for name in ("closure", "constraint"):
         graph[f"ident.mechanism.{name}"].discard("ident.mechanism.tree")
     TopologicalSorter(graph).prepare()
-
-
-def test_what_is_installed_needs_nothing_that_only_a_clone_has():
-    assert not [path for path in MODULES if any(name.partition(".")[0] == "docs" for name in imported(path))]
 
 
 SHARED = {"Table"}  # Public classes of one name: of logs and of documents.

@@ -22,23 +22,16 @@ def parsed(path):
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
-def project():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        return tomllib.load(file)
+OWN = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_yaml_parses(path):
-    assert isinstance(parsed(path), dict)
-
-
-@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
-def test_named_paths_exist(path):
-    text = path.read_text(encoding="utf-8")
-    named = re.findall(r"(?<![\w/.])(?:\.ci|\.conda|docs|tests|ident|experiments)/[\w./]+\w", text)
-    named += re.findall(r"`([A-Z]+\.md|pyproject\.toml|recipe\.yaml)`", text)
-    folders = (ROOT, path.parent)
-    assert [name for name in named if not any((folder / name).exists() for folder in folders)] == []
+def test_yaml_parses_and_named_paths_exist():
+    assert [path.name for path in FILES if not isinstance(parsed(path), dict)] == []
+    for path in TEXTS:
+        text = path.read_text(encoding="utf-8")
+        named = re.findall(r"(?<![\w/.])(?:\.ci|\.conda|docs|tests|ident|experiments)/[\w./]+\w", text)
+        named += re.findall(r"`([A-Z]+\.md|pyproject\.toml|recipe\.yaml)`", text)
+        assert [name for name in named if not ((ROOT / name).exists() or (path.parent / name).exists())] == [], path
 
 
 def test_workflow_runs_everything_and_builds_wheels_on_three_systems():
@@ -59,12 +52,12 @@ def test_hooks_are_those_of_make_check():
     for entry in own.values():
         assert f"$(BIN)/{entry.replace(' --force-exclude', '')}" in make
     assert own.keys() == {"ruff-check", "ruff-format", "mypy"}
-    extra = project()["project"]["optional-dependencies"]["dev"]
+    extra = OWN["project"]["optional-dependencies"]["dev"]
     assert {re.match(r"[\w-]+", name)[0] for name in extra} >= {"ruff", "mypy", "pre-commit"}
 
 
 def test_recipe_agrees_with_the_package():
-    recipe, own = parsed(ROOT / ".conda/recipe.yaml"), project()
+    recipe, own = parsed(ROOT / ".conda/recipe.yaml"), OWN
     other = {"mujoco-python": "mujoco", "matplotlib-base": "matplotlib"}
     stated = [line.split(" ") for line in recipe["requirements"]["run"] if line != "python"]
     assert [other.get(name, name) + versions for name, versions in stated] == own["project"]["dependencies"]

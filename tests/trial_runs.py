@@ -26,12 +26,8 @@ from experiments.studies.study_entries import packaged
 ANALYSE = partial(trial, StudyProblem.of(packaged("multicontact")), ("contact",))
 
 
-def arguments(tmp_path, *more):
-    return multicontact.parser().parse_args(["--out", str(tmp_path), "--formats", "png", *more])
-
-
 def draw(tmp_path, *more, samples="200", contact="pad"):
-    args = arguments(tmp_path, "--samples", samples, *more)
+    args = multicontact.parser().parse_args(["--out", str(tmp_path), "--samples", samples, *more])
     made = study("multicontact", samples=args.samples, seed=args.seed or 0, contact=contact)
     return simulation.Draw.of(made.file, args.redraw, made.recording)
 
@@ -43,10 +39,6 @@ def run(source, number, tmp_path, file=simulation.FILE, analyse=ANALYSE, given=N
         if given is None or given.number == 1:
             patched.setattr(workers, "Processes", Here)
         return simulation.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
-
-
-def resumed(source, number, tmp_path):
-    return run(source, number, tmp_path, given=workers.Workers(resume=True))
 
 
 def kept(tmp_path, file=simulation.FILE):
@@ -61,12 +53,6 @@ class Mortal:
 
     force: float
     died: Path
-
-    @classmethod
-    def at(cls, k, source, tmp_path):
-        """An analysis that dies in trial k of a source."""
-        (recording,) = source.recordings([k])
-        return cls(recording["ground_force"][0, 0], tmp_path / "died")
 
     def __call__(self, recording):
         if recording["ground_force"][0, 0] == self.force and not self.died.exists():
@@ -91,24 +77,17 @@ raise SystemExit(multicontact.main())
 """The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up."""
 
 
-def read_until(process, pattern):
-    """Standard error of a process up to a pattern."""
-    output = b""
-    while not re.search(pattern, output):
-        part = process.stderr.read1()
-        assert part, output
-        output += part
-    return output
-
-
-def interrupted(command, pattern, number=signal.SIGINT):
+def interrupted(command, pattern, number):
     """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
     # Otherwise MuJoCo starts a process for glfw, whose traceback would appear if it is ended meanwhile.
     quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}
-    command = [sys.executable, "-c", WITHOUT_FIGURES, *command]
-    with subprocess.Popen(command, **quiet) as process:
-        output = read_until(process, pattern)
+    with subprocess.Popen([sys.executable, "-c", WITHOUT_FIGURES, *command], **quiet) as process:
+        output = b""
+        while not re.search(pattern, output):
+            part = process.stderr.read1()
+            assert part, output
+            output += part
         for _ in range(2):
             os.killpg(process.pid, number)
         output += process.stderr.read()

@@ -1,6 +1,6 @@
 """Bad input of every command is one sentence, exit code 2, and leaves no results behind."""
 
-import json
+import re
 import shlex
 import shutil
 from dataclasses import replace
@@ -22,63 +22,45 @@ from sim.simulation.simulate import simulate
 
 ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
 MOTOR = '<actuator><motor joint="crank"/></actuator>'
-MODELS = {
+TEXTS = {
     "fold.xml": FOLDING,
     "overlapping.xml": FOLDING.replace('size="0.1" mass="2"', 'size="0.5" mass="2"'),
     "free.xml": ALONE.format('<joint name="j" range="-1 1"/>').replace("<geom", '<geom contype="0" conaffinity="0"'),
     "rigid.xml": ALONE.format(""),
-    "ball.xml": ALONE.format('<joint name="b" type="ball"/>'),
     "both.xml": ALONE.format('<joint name="s" type="slide" range="-1 1"/><joint name="b" type="ball"/>'),
     "endless.xml": ALONE.format('<joint name="j"/>'),
     "driven.xml": FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"),
     "four_bar.xml": FOUR_BAR,
     "truss.xml": FOUR_BAR.replace("<connect", "<weld"),
     "held.xml": SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'),
-    "ghost.xml": '<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>',
-    "empty.xml": "<mujoco><worldbody/></mujoco>",
-}
-"""Model files."""
-
-TABLES = {
     "empty.csv": "",
     "words.csv": "hello\n",
-    "letters.csv": "a,b\nx,y\n",
     "two.csv": "time,a\n1,2\n2,3\n",
     "timeless.csv": "a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)),
-    "time.csv": "time\n" + "".join(f"{k}\n" for k in range(50)),
     "file": "in the way",
     "nobody.toml": '[joints.nobody]\nposition = "q"\n',
-}
-"""Files that are no logs."""
-
-PLACES = {
     "nose.toml": '[markers.NOSE]\nsite = "pelvis_0"',
     "no_site.toml": '[markers.pelvis_0]\nsite = "nose"',
     "no_body.toml": '[markers.pelvis_0]\nbody = "x"\nposition = [0, 0, 0]',
     "no_position.toml": '[markers.pelvis_0]\nbody = "pelvis"',
     "two.toml": '[markers.pelvis_0]\nbody = "pelvis"\nsite = "a"',
     "one_site.toml": '[markers.pelvis_0]\nsite = "pelvis_1"',
-    "weight.toml": "[markers.pelvis_0]\nweight = 0",
-    "key.toml": "sight = 1",
-    "up.toml": 'up = "w"',
     "unit.toml": 'unit = "m"',
     "groups.toml": '[scale]\ngroups = ["pelvis"]',
-    "toml.toml": "a = = 1",
 }
-"""Files with the places of markers."""
+"""Models, files that are no logs, and places of markers."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Folder with all files that the commands are given."""
     out = tmp_path_factory.mktemp("bad")
-    for name, text in (MODELS | TABLES | PLACES).items():
+    for name, text in TEXTS.items():
         (out / name).write_text(text, encoding="utf-8")
     log = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=600)
-    short = {name: x[:15] for name, x in log.measured.items()}
     still = {f"{joint}_{kind}": 0 * log.time for joint in ("joint1", "joint2") for kind in STATES}
     log.save(out / "log.csv")
-    short = {name: 1.001 * x for name, x in short.items()}  # Another recording.
+    short = {name: 1.001 * x[:15] for name, x in log.measured.items()}  # Another recording.
     replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(out / "short.csv")
     replace(log, measured={**log.measured, **still}, true={}, noise={}).save(out / "still.csv")
     (out / "pendulum.xml").write_bytes((Path(scenes.__file__).parent / "double_pendulum.xml").read_bytes())
@@ -100,10 +82,9 @@ def folder(tmp_path_factory):
     result(out / "thigh", [1.0, 2.0, 3.0], log="x", bodies=("base", "thigh"))
     for name in ("one", "another"):
         result(out / name, [1.0, 2.0, 3.0], log=name, covariance=np.ones((3, 3)))
-    for name, changed in (("broken", {"covariance": None}), ("flat", {"std_setup": [0.0, 0.2, 0.2, 0.2]})):
-        content = json.loads((out / name / "estimate.json").read_text(encoding="utf-8")) | changed
-        kept = {key: value for key, value in content.items() if value is not None}
-        (out / name / "estimate.json").write_text(json.dumps(kept), encoding="utf-8")
+    for name, old, new in (("broken", '"covariance"', '"other"'), ("flat", r'("std_setup": \[)[^,]+', r"\g<1>0")):
+        file = out / name / "estimate.json"
+        file.write_text(re.sub(old, new, file.read_text(encoding="utf-8")), encoding="utf-8")
     return out
 
 
@@ -116,28 +97,20 @@ LOOPED = "--starts 2 --iterations 4 --seconds 3 --harmonics 3 --position -1 1 --
 PENDULUM = "identify pendulum.xml log.csv --base base"
 REFUSED = [
     ("misaligned --tilt-deg -5", "from 0° to below 90°"),
-    ("misaligned --noise-scale -1", "noise scale must be from 0 to 1000, got -1"),
-    ("misaligned --samples 0", "whole number of at least 1, got '0'"),
     ("misaligned --tilt-deg 89.99999999", "perpendicular to the one it should resemble"),
     ("misaligned --azimuth-deg 1e308", "azimuth of at most 360°"),
     ("misaligned --trials 1", "2 to 1000000, or 0, got '1'"),
-    (f"misaligned --trials 1{30 * '0'}", "2 to 1000000, or 0, got '1000"),
     ("misaligned --resume --samples 60", "--resume needs --trials"),
-    ("misaligned --seed -1", "at least 0, got '-1'"),
     ("misaligned --formats bmp", "invalid choice: 'bmp'"),
     ("misaligned --samples 3", "3 samples does not separate the base parameters"),
     ("misaligned --samples 60 --out file", "needs to be a writable folder, got"),
     ("sweep pendulum --over samples 100", "invalid choice: 'pendulum'"),
-    ("sweep multicontact --over tilt_deg 5", "needs one of samples, contact, noise_scale; got tilt_deg"),
     ("sweep multicontact --over samples 100 many", "sweep.values needs a whole number of at least 1, got many"),
     ("sweep multicontact --over samples", "needs one value or more, all different, got []"),
     ("sweep multicontact --over noise_scale 1 1.0", "all different, got [1.0, 1.0]"),
-    ("sweep multicontact --over samples 0", "sweep.values needs a whole number of at least 1, got 0"),
-    ("sweep multicontact --over samples 100 --numbers x", "sweep.numbers needs names of condition_number"),
     ("sweep multicontact --over samples 100 --resume", "--resume needs the runs of an earlier run"),
     ("study absent.toml", "misaligned, multicontact, several_contacts come with this package"),
-    ("human --noise 40", "40"),
-    ("human --from films", "films"),
+    ("human --noise 40", "below 30 degrees, got 40"),
     ("human --seconds 1", "needs a whole number of 2 to 120, got '1'"),
     ("human --activities sleeping", "sleeping"),
     ("human --resume", "belong to --persons"),
@@ -155,45 +128,29 @@ REFUSED = [
     (f"{PENDULUM} --formats none svg", "'none' stands alone, got none svg"),
     ("identify pendulum.xml still.csv --base base", "parameters; it does not separate"),
     (f"{PENDULUM} --held-out log.csv", "another one than the log"),
-    (f"{PENDULUM} --name . --out .", "the name of one folder"),
     (f"{PENDULUM} --name ../esc", "the name of one folder"),
-    (f"{PENDULUM} --name a/b", "the name of one folder"),
     (f"{PENDULUM} --prior winter --mass 70", "--prior winter needs --mass, --height, --sex; --height, --sex is"),
     (f"{PENDULUM} --mass 70", "--mass belongs to a table of people, --prior winter, deleva, dumas."),
     (f"{PENDULUM} --prior dumas --mass -7", "--mass: needs a positive number"),
-    (f"{PENDULUM} --name 'a\0b'", "the name of one folder"),
     ("identify sub/pendulum.xml log.csv --out . --name sub", "a folder without inputs"),
     ("identify pendulum.xml log.csv log.csv --base base", "once only, but 'log.csv' is given twice"),
     ("identify pendulum.xml loop.csv --base base", "loop.csv"),
     ("identify pendulum.xml log.csv --packages nope", "--packages needs folders that exist, got"),
     (f"batch absent.xml {MANY}", "absent.xml"),
-    (f"batch absent.xml {MANY} --resume", "absent.xml"),
-    (f"batch empty.csv {MANY}", "empty.csv"),
     (f"batch pendulum.xml {MANY} --base nobody", "nobody"),
-    (f"batch pendulum.xml {MANY} --fix nobody 0", "nobody"),
-    (f"batch pendulum.xml {MANY} --columns absent.toml", "absent.toml: a mapping of columns needs to be TOML in UTF-8"),
     (f"batch pendulum.xml {MANY} --columns nobody.toml", "nobody.toml: [joints] has no entry 'nobody'"),
     (f"batch pendulum.xml {MANY} --held-out absent.csv", "absent.csv"),
     (f"batch pendulum.xml {MANY} --own offset --resume", "Only the trajectory estimate"),
     (f"batch pendulum.xml {MANY} --gaps", "--gaps"),
-    *(
-        (f"batch pendulum.xml log.csv {name}.csv", f"'{name}', but that is kept for the batch's own files")
-        for name in BATCH
-    ),
-    ("columns pendulum.xml loop.csv --base base", "loop.csv"),
+    *((f"batch pendulum.xml log.csv {name}.csv", f"'{name}', but that is kept for the batch's own") for name in BATCH),
     ("compare loop.csv a", "loop.csv"),
-    ("payload pendulum.xml loop.csv --body tool --sensor wrist", "loop.csv"),
     ("payload pendulum.xml log.csv --body link2", "either --sensor NAME, or --loaded LOG"),
     ("payload pendulum.xml log.csv --body link2 --sensor wrist", "needs the wrench 'wrist', its wrenches are"),
     ("columns pendulum.xml missing.csv --base base", "there is no such file"),
     ("columns pendulum.xml empty.csv --base base", "the file is empty"),
     ("columns pendulum.xml words.csv --base base", "needs a table with two columns of numbers"),
-    ("columns pendulum.xml letters.csv --base base", "needs"),
-    ("columns pendulum.xml two.csv --base base", "needs at least 10 samples"),
     ("columns pendulum.xml timeless.csv --base base", "no column of it grows as times do"),
-    ("columns pendulum.xml time.csv --base base", "needs a table with two columns of numbers"),
     ("columns pendulum.xml log.csv --base base --out log.csv --force", "is read; choose another by --out"),
-    ("compare a", "needs two or more different folders"),
     ("compare a a", "needs two or more different folders"),
     ("compare a absent", "needs to hold results of identify, but estimate.json: No such file or directory."),
     ("compare a a/..", "Its folders hold some: '"),
@@ -204,22 +161,17 @@ REFUSED = [
     ("compare a b --out a", "needs a folder of its own"),
     (f"excite fold.xml {QUICK} --joints elbow", "Joint 'elbow' does not exist; the joints to choose from are lift, f"),
     (f"excite fold.xml {QUICK} --seconds 0.1", "5 harmonics at 100 Hz need 0.5 s to 10000 s"),
-    (f"excite fold.xml {QUICK} --velocity fast", "needs a positive number from 1e-08 to below 1e+08, got 'fast'"),
     (f"excite fold.xml {QUICK} --harmonics 1", "needs a whole number of 2 to 100, got '1'"),
     (f"excite fold.xml {QUICK} --position 1 -1", "a lower limit below the upper one, got 1 to -1 rad"),
     (f"excite fold.xml {QUICK} --position 4 5", "where the model allows -2.84838 to 2.84838"),
     (f"excite fold.xml {QUICK} --margin 0.5", "needs a number from 0 to below 0.5, got '0.5'"),
     (f"excite fold.xml {QUICK} --floor 0 --collisions ignore", "--floor belongs to --collisions avoid"),
     (f"excite fold.xml {QUICK} --log absent.csv", "absent.csv"),
-    (f"excite fold.xml {QUICK} --fix elbow 0", "elbow"),
-    (f"excite fold.xml {QUICK} --base pelvis", "no body named 'pelvis'"),
-    (f"excite fold.xml {QUICK} --criterion beauty", "invalid choice: 'beauty'"),
+    (f"excite fold.xml {QUICK} --fix elbow 0", "There is no joint 'elbow' to fix; the joints are lift, fold."),
     (f"excite fold.xml {QUICK} --joints fold --position 2.9 3.0", "come closer than 0.005 m"),
     (f"excite overlapping.xml {QUICK}", "in every posture 'column' and 'fore'"),
     (f"excite free.xml {QUICK} --floor 0", "--floor needs moving bodies with geoms that can collide"),
-    (f"excite nowhere.xml {QUICK}", "an MJCF, URDF or OpenSim file that exists, got 'nowhere.xml'"),
     (f"excite rigid.xml {QUICK}", "needs a hinge or slide joint; this mechanism has none"),
-    (f"excite ball.xml {QUICK} --joints b", "needs a hinge or slide joint"),
     (f"excite both.xml {QUICK} --joints b", "Joint 'b' is neither hinge nor slide; the joints to choose from are s."),
     (f"excite endless.xml {QUICK}", "Joint 'j' has no range in the model; give one with --position LOW"),
     (f"excite arm {QUICK} --drive auto", "contains no drives: --drive needs --sensors torque"),
@@ -227,7 +179,6 @@ REFUSED = [
     (f"excite four_bar.xml {LOOPED} --joints crank rocker", "cannot be excited: loops make it depend on"),
     (f"excite held.xml {LOOPED} --joints crank", "loops hold it while rod rests. Name"),
     (f"excite truss.xml {LOOPED}", "loops leave crank, rod, rocker no motion. If one is wrong, leave it out with --ig"),
-    (f"excite truss.xml {LOOPED} --joints crank", "cannot be excited: loops leave crank, rod, rocker no motion."),
     ("excite nope", "A model is one of double_pendulum, bowing, humanoid, arm, or an MJCF, URDF or OpenSim file"),
     ("angles endless.xml walk.trc", "No marker has a site of its name: the markers are"),
     ("angles person.xml walk.trc --places nose.toml", "The file has no marker 'NOSE'"),
@@ -236,14 +187,9 @@ REFUSED = [
     ("angles person.xml walk.trc --places no_position.toml", "a position [x, y, z] in m on it"),
     ("angles person.xml walk.trc --places two.toml", "got both"),
     ("angles person.xml walk.trc --places one_site.toml", "'Anna:pelvis_1' have the same site"),
-    ("angles person.xml walk.trc --places weight.toml", "markers.pelvis_0.weight needs a number above 0, got 0"),
-    ("angles person.xml walk.trc --places key.toml", "has no entry 'sight'; valid are unit, up, markers, scale"),
-    ("angles person.xml walk.trc --places up.toml", "up needs one of z, y, x; got w"),
     ("angles person.xml walk.trc --places unit.toml", "the file states its unit; leave out that lengths are in m"),
     ("angles person.xml walk.trc --places groups.toml", "scale.groups needs a list of lists of bodies, got pelvis"),
-    ("angles person.xml walk.trc --places toml.toml", "need to be TOML in UTF-8"),
     ("angles person.xml walk.trc --mass 70", "--mass is about lengths that --scale finds"),
-    ("angles person.xml walk.trc --base tail", "no body named 'tail'"),
     ("angles person.xml walk.trc --fix left_knee 1 2", "--fix left_knee needs 1 coordinates, got 2"),
     ("angles person.xml walk.trc --wrenches two.csv", "no wrench is in this file"),
 ]

@@ -1,6 +1,6 @@
 """The docs are true: their Python runs, their commands are accepted, and their names and links exist."""
 
-import importlib
+import pkgutil
 import re
 import shlex
 import tomllib
@@ -40,21 +40,19 @@ EXPECTED = {
 }
 """Output of each page's examples, as a regular expression."""
 
-
-LONGEST = ("python.md", "identify.md")
+SLOW = {name: pytest.mark.slow for name in ("python.md", "identify.md")}
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in LONGEST)) for page in blocks("python")]
-)
+@pytest.mark.parametrize("page", [pytest.param(page, marks=SLOW.get(page, ())) for page in blocks("python")])
 def test_examples_run(page, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)
     if page != "README.md":
         (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
         sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
-    if page == "tables_and_figures.md":
+    reads_figures = page == "tables_and_figures.md"
+    if reads_figures:
         # It reads the data of figures.
         monkeypatch.setattr(figures, "drawn", not_drawn)
         use_truth(monkeypatch)
@@ -64,7 +62,7 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     for code in blocks("python")[page]:
         if "viewer" not in code:
             exec(compile(code, page, "exec"), {})
-    if page == "tables_and_figures.md":
+    if reads_figures:
         assert len(plt.gcf().axes) == 6 and {len(ax.lines) for ax in plt.gcf().axes} == {3}
         plt.close()
     assert re.search(EXPECTED.get(page, ""), capsys.readouterr().out, re.DOTALL)
@@ -76,48 +74,40 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
         assert all(Path(path).exists() for path in (args.model, *args.logs, args.columns))
 
 
-def shell_blocks():
-    """Shell blocks of the pages, and of the tutorials' remarks."""
-    codes = blocks("sh")
-    for path in (ROOT / "docs" / "tutorials").glob("*.py"):
-        text = re.sub("^# ?", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-        codes[path.name] = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
-    return codes
-
-
 def commands():
-    """Arguments of each `python -m experiments…` in these blocks, without its remark."""
-    for name, codes in shell_blocks().items():
-        for line in "".join(codes).replace("\\\n", "").splitlines():
-            if line.startswith(("python -m experiments", "multicontact ")):
-                yield pytest.param(shlex.split(line, comments=True), id=f"{name}: {line.split('  ')[0]}")
+    """Arguments of each command in shell blocks of the pages and of the tutorials' remarks, by the first word of it."""
+    tutorials = (ROOT / "docs" / "tutorials").glob("*.py")
+    remarks = {x.name: re.sub("^# ?", "", x.read_text(encoding="utf-8"), flags=re.MULTILINE) for x in tutorials}
+    for name, text in (TEXTS | remarks).items():
+        for line in "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", "").splitlines():
+            if match := re.match(r"(?:python -m experiments\.?|multicontact )(\w*)(.*)", line):
+                yield pytest.param(match[1], shlex.split(match[2], comments=True), id=f"{name}: {line.split('  ')[0]}")
 
 
-@pytest.mark.parametrize("command", list(commands()))
-def test_commands_are_accepted(command):
-    name = command[2].removeprefix("experiments").lstrip(".") if command[0] == "python" else command[1]
-    arguments = command[3:] if command[0] == "python" else command[2:]
+@pytest.mark.parametrize(("name", "arguments"), list(commands()))
+def test_commands_are_accepted(name, arguments):
     COMMANDS[name or "paper"].parser().parse_args(arguments)
+
+
+def without_code(text):
+    return re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+
+
+def anchors(file):
+    """Link targets of a page's headings, as renderers of Markdown form them."""
+    headings = re.findall(r"^#+ (.*)$", without_code(file.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_links_lead_somewhere():
     broken = []
     for name, text in TEXTS.items():
-        for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+        for target in re.findall(r"\]\((?!http)([^)\s]+)\)", without_code(text)):
             path, _, anchor = target.partition("#")
-            if target.startswith("http"):
-                continue
             file = PAGES[name].parent / path if path else PAGES[name]
             if not file.exists() or (anchor and anchor not in anchors(file)):
                 broken.append(f"{name}: {target}")
     assert broken == []
-
-
-def anchors(file):
-    """Link targets of a page's headings, as renderers of Markdown form them."""
-    text = re.sub(r"```.*?```", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
-    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_what_the_pages_name_exists():
@@ -132,18 +122,11 @@ def test_what_the_pages_name_exists():
 
 def resolves(dotted):
     """True if a name is that of a module or of something in one."""
-    parts = dotted.split(".")
-    for cut in range(len(parts), 0, -1):
-        try:
-            value = importlib.import_module(".".join(parts[:cut]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[cut:]:
-            if not hasattr(value, part):
-                return False
-            value = getattr(value, part)
-        return True
-    return False
+    try:
+        pkgutil.resolve_name(dotted)
+    except (ImportError, AttributeError):
+        return False
+    return True
 
 
 def test_every_column_has_a_head_and_the_first_page_is_short():
@@ -163,40 +146,25 @@ def numbers(text):
     return {k for first, last in ranges for k in range(first, last + 1)}
 
 
-def functions():
-    """Names of functions by equation."""
+def test_every_equation_has_functions_that_name_it():
     text = TEXTS["equations.md"].split("## Axes from poses")[0]
-    parts = re.split(rf"^Eqs?\. ({NUMBERS})", text, flags=re.MULTILINE)
-    out = {}
-    for listed, block in zip(parts[1::2], parts[2::2], strict=True):
-        for number in numbers(listed):
-            out[number] = re.findall(r"`(ident(?:\.\w+)+)`", block)
-    return out
-
-
-def test_every_equation_has_functions():
-    assert sorted(functions()) == list(range(1, 19))
-    assert [number for number, names in functions().items() if not names] == []
-
-
-@pytest.mark.parametrize("number", range(1, 19))
-def test_its_functions_name_it(number):
-    for name in functions()[number]:
-        module, _, function = name.rpartition(".")
-        described = getattr(importlib.import_module(module), function).__doc__
-        mentioned = set().union(*(numbers(each) for each in re.findall(rf"Eqs?\.\s({NUMBERS})", described)))
-        assert number in mentioned, name
+    _, *parts = re.split(rf"^Eqs?\. ({NUMBERS})", text, flags=re.MULTILINE)
+    described = set()
+    for listed, block in zip(parts[::2], parts[1::2], strict=True):
+        names = re.findall(r"`(ident(?:\.\w+)+)`", block)
+        described |= numbers(listed) if names else set()
+        for name in names:
+            mentions = re.findall(rf"Eqs?\.\s({NUMBERS})", pkgutil.resolve_name(name).__doc__)
+            assert numbers(listed) <= set().union(*map(numbers, mentions)), name
+    assert described == {*range(1, 19)}
 
 
 def test_one_version_everywhere():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        version = tomllib.load(file)["project"]["version"]
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     cited = dict(re.findall(r"^(version|date-released): (\S+)$", citation, re.MULTILINE))
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    newest, day = re.search(r"^## (\S+) \((\d{4}-\d\d-\d\d)\)$", changes, re.MULTILINE).groups()
-    assert cited == {"version": version, "date-released": day}
-    assert newest == version
+    newest, day = re.search(r"^## (\S+) \((\d{4}-\d\d-\d\d)\)$", TEXTS["CHANGELOG.md"], re.MULTILINE).groups()
+    assert cited == {"version": version, "date-released": day} and newest == version
 
 
 @pytest.mark.extras

@@ -29,7 +29,7 @@ def test_smoothing_is_chosen_by_channel_on_what_is_fitted_alone(monkeypatch):
         return chosen[-1][-1]
 
     monkeypatch.setattr(predictions.Predictions, "of", kept)
-    recording, judge = shortened(faulty(1), 300), shortened(faulty(2), 200)
+    recording, judge = shortened(faulty(1), 300), shortened(faulty(2), 150)
     for each in (judge, spoilt(judge, -3.0)):
         estimate = ident.identify(PENDULUM, recording, setup=EXACT, held_out=each)
     assert len(chosen) == 6 and len(estimate.held_out.versions) > 1

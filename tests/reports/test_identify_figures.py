@@ -44,16 +44,12 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
 
 
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
-    time = estimate.held_out.time
-    mask = np.zeros(estimate.held_out.residual.shape, bool)
+    time, mask = estimate.held_out.time, np.zeros(estimate.held_out.residual.shape, bool)
     # One sample alone, and three that are closer together than a line's width.
     mask[[20, 60, 62, 64], 0] = True
-    slow = replace(estimate, held_out=replace(estimate.held_out, resting=mask))
-    first = held_out_figure(slow).axes[0]
-    (bars,) = first.collections
-    edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])
-    least = plots.VISIBLE * np.ptp(time)
-    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * least).all()
+    first = held_out_figure(replace(estimate, held_out=replace(estimate.held_out, resting=mask))).axes[0]
+    edges = np.array([path.get_extents().intervalx for path in first.collections[0].get_paths()])
+    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * plots.VISIBLE * np.ptp(time)).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
     assert not any(line.get_visible() for line in first.get_xgridlines())

@@ -1,10 +1,9 @@
 """Joint angles from markers by the command: its files, their use by `identify`, and errors."""
 
-import json
-
 import mujoco
 import numpy as np
 import pytest
+from commands import entries_of
 from marked import labels_of, marked_person, trc, trial
 from scipy.spatial.transform import Rotation
 
@@ -21,49 +20,38 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 STD = 0.002
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A person's model and trial, and the double pendulum's with its wrenches."""
-    out, rng = tmp_path_factory.mktemp("markers"), np.random.default_rng(0)
-    spec = marked_person()
+def error_over_noise(recording, name, error):
+    """Root mean square of errors of a channel over its stated noise."""
+    return np.sqrt(np.mean(error**2)) / recording.noise[name]
+
+
+def test_a_person_is_scaled_and_her_angles_are_found(tmp_path, capsys):
+    spec, rng, out = marked_person(), np.random.default_rng(0), tmp_path / "out"
     model = spec.compile()
-    (out / "person.xml").write_text(spec.to_xml())
+    (tmp_path / "person.xml").write_text(spec.to_xml())
     groups = grouped(model)
-    factors = np.random.default_rng(2).uniform(0.9, 1.1, len(groups))
-    time, qpos, x = trial(scaled_model(model, groups, factors), 40)
+    time, qpos, x = trial(scaled_model(model, groups, rng.uniform(0.9, 1.1, len(groups))), 40)
     x += STD * rng.normal(size=x.shape)
     x[10:13, 4] = np.nan
-    (out / "walk.trc").write_text(trc(time, [f"Anna:{label}" for label in labels_of(model)], x))
-    np.savez(out / "truth.npz", qpos=qpos, factors=factors)
-    return out
-
-
-def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
-    arguments = [str(folder / "person.xml"), str(folder / "walk.trc"), "--scale", "--mass", "70"]
-    assert main([*arguments, "--out", str(tmp_path / "out"), "--formats", "pdf"]) == 0
-    output = capsys.readouterr().out
-    assert "54 markers in 40 frames; the base is the frame of 'pelvis'." in output
-    out = tmp_path / "out"
-    with np.load(folder / "truth.npz") as archive:
-        truth = dict(archive)
+    (tmp_path / "walk.trc").write_text(trc(time, [f"Anna:{label}" for label in labels_of(model)], x))
+    given = [str(tmp_path / "person.xml"), str(tmp_path / "walk.trc"), "--scale", "--mass", "70"]
+    assert main([*given, "--out", str(out), "--formats", "pdf"]) == 0
+    assert "54 markers in 40 frames; the base is the frame of 'pelvis'." in capsys.readouterr().out
     person = sim.mechanism(out / "model_scaled.xml", base="pelvis")
-    assert person.known.reshape(-1, 10)[:, 0].sum() == pytest.approx(70)
+    assert person.known[::10].sum() == pytest.approx(70)
     recording = Recording.load(out / "angles.npz")
-    knee = person.source.model.joint("left_knee").qposadr[0]
-    z = (recording["left_knee_position"] - truth["qpos"][:, knee]) / recording.noise["left_knee_position"]
-    assert np.sqrt((z**2).mean()) < 2
-    first = int(person.source.model.joint("neck").qposadr[0])
-    neck, true = (
-        Rotation.from_quat(x, scalar_first=True)
-        for x in (read_log(out / "angles.csv", person)["neck_position"], truth["qpos"][:, first : first + 4])
-    )
-    assert np.sqrt(((neck.inv() * true).as_rotvec() ** 2).mean()) < 2 * recording.noise["neck_position"]
+    knee, neck = (person.source.model.joint(name).qposadr[0] for name in ("left_knee", "neck"))
+    error = recording["left_knee_position"] - qpos[:, knee]
+    assert error_over_noise(recording, "left_knee_position", error) < 2
+    read = read_log(out / "angles.csv", person)["neck_position"]
+    own, true = (Rotation.from_quat(x, scalar_first=True) for x in (read, qpos[:, neck : neck + 4]))
+    assert error_over_noise(recording, "neck_position", (own.inv() * true).as_rotvec()) < 2
     assert recording.base.shape == (40, 4, 4)
-    np.testing.assert_allclose(recording.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
+    np.testing.assert_allclose(recording.base[:, :3, 3], qpos[:, :3], atol=0.006)
     with np.load(out / "covariance.npz") as covariance:
         assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
-    assert json.loads((out / "provenance.json").read_text())["options"]["mass"] == 70
-    assert "table_lengths" in {path.stem for path in out.iterdir()} and "<h1>" in (out / "report.html").read_text()
+    assert entries_of(out / "provenance.json")["options"]["mass"] == 70
+    assert (out / "table_lengths.csv").exists() and "<h1>" in (out / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -80,12 +68,14 @@ def pendulum(tmp_path_factory):
     (out / "arm.xml").write_text(spec.to_xml())
     data, sites = mujoco.MjData(model), [f"{body}_{k}" for body in names for k in range(4)]
     joints = sim.mechanism(spec, base="base").tree.joints
-    x = []
+    at = []
     for q in np.stack([recorded.true[f"{joint}_position"] for joint in joints], axis=1):
         data.qpos = q
         mujoco.mj_kinematics(model, data)
-        x.append([data.site(site).xpos.copy() for site in sites])
-    (out / "run.trc").write_text(trc(recorded.time, sites, np.array(x) + STD * rng.normal(size=(200, len(sites), 3))))
+        at.append([data.site(site).xpos.copy() for site in sites])
+    x = np.array(at) + STD * rng.normal(size=(200, len(sites), 3))
+    (out / "run.trc").write_text(trc(recorded.time, sites, x))
+    (out / "upward_y.trc").write_text(trc(recorded.time, sites, x[:, :, [0, 2, 1]] * [1, 1, -1]))
     wrenches = {name: recorded[name] for name in ("ground_force", "ground_torque")}
     Recording(recorded.time, wrenches).save(out / "wrenches.csv")
     return out, recorded, joints
@@ -94,52 +84,38 @@ def pendulum(tmp_path_factory):
 @pytest.mark.usefixtures("undrawn")
 def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
-    arguments = [str(folder / "arm.xml"), str(folder / "run.trc"), "--wrenches", str(folder / "wrenches.csv")]
-    assert main([*arguments, "--base", "base", "--out", str(tmp_path / "angles"), "--formats", "png"]) == 0
-    table = tmp_path / "angles" / "angles.csv"
-    assert f"\nThen:\nmulticontact identify {arguments[0]} {table} --base base\n" in capsys.readouterr().out
-    named = folder / "plate.csv"
-    named.write_text((folder / "wrenches.csv").read_text().replace("ground_", "plate_"))
-    assert main([*arguments[:3], str(named), "--base", "base", "--out", str(tmp_path / "n"), "--formats", "none"]) == 0
+    model, markers, wrenches, plate = (str(folder / x) for x in ("arm.xml", "run.trc", "wrenches.csv", "plate.csv"))
+    (folder / "plate.csv").write_text((folder / "wrenches.csv").read_text().replace("ground_", "plate_"))
+    out, estimated = tmp_path / "angles", tmp_path / "e" / "estimate.json"
+    given = [model, markers, "--base", "base", "--out", str(out), "--formats", "none", "--wrenches"]
+    assert main([*given, plate]) == 0
     output = capsys.readouterr().out
     assert "on which bodies the wrenches act, then:\n" in output and output.endswith("--columns COLUMNS.toml\n")
-    arm = sim.mechanism(folder / "arm.xml", base="base")
-    log = read_log(tmp_path / "angles" / "angles.csv", arm)
-    recording = Recording.load(tmp_path / "angles" / "angles.csv")
-    for joint in joints:
-        error = log[f"{joint}_position"] - recorded.true[f"{joint}_position"]
-        assert np.sqrt((error**2).mean()) == pytest.approx(recording.noise[f"{joint}_position"], rel=0.15)
-    log_file = str(tmp_path / "angles" / "angles.npz")
-    assert identify([str(folder / "arm.xml"), log_file, "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
-    estimate = json.loads((tmp_path / "e" / "estimate.json").read_text())
+    assert main([*given, wrenches]) == 0
+    assert f"\nThen:\nmulticontact identify {model} {out / 'angles.csv'} --base base\n" in capsys.readouterr().out
+    arm, recording = sim.mechanism(folder / "arm.xml", base="base"), Recording.load(out / "angles.csv")
+    log = read_log(out / "angles.csv", arm)
+    for name in (f"{joint}_position" for joint in joints):
+        assert error_over_noise(recording, name, log[name] - recorded.true[name]) == pytest.approx(1, rel=0.15)
+    assert identify([model, str(out / "angles.npz"), "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
     regrouped = sim.mechanism(scenes.load("double_pendulum"), base="base").known
     truth = ident.find_base_parameters(arm.tree, gravity=arm.gravity).regroup(regrouped)
-    z = (np.array(estimate["values"])[: len(truth)] - truth) / np.array(estimate["std"])[: len(truth)]
-    assert np.sqrt((z**2).mean()) < 2
+    values, std = (np.array(entries_of(estimated)[key])[: len(truth)] for key in ("values", "std"))
+    assert np.sqrt(np.mean(((values - truth) / std) ** 2)) < 2
 
 
 def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
     model = sim.mechanism(folder / "arm.xml").source.model
-    places = {model.site(s).name: s for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"}
-    entries = "".join(
-        f'[markers.{label}]\nbody = "{model.body(model.site_bodyid[s]).name}"\n'
-        f"position = {model.site_pos[s].tolist()}\n"
-        for label, s in places.items()
-    )
-    (tmp_path / "places.toml").write_text('up = "y"\n' + entries)
-    lines = (folder / "run.trc").read_text().split("\n")
-    for k, line in enumerate(lines[6:-1], start=6):
-        cells = line.split("\t")
-        for c in range(2, len(cells), 3):
-            x, y, z = cells[c : c + 3]
-            cells[c : c + 3] = x, z, repr(-float(y))
-        lines[k] = "\t".join(cells)
-    (tmp_path / "up.trc").write_text("\n".join(lines))
+    entries = ['up = "y"']
+    for site in (model.site(s) for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"):
+        body = model.body(site.bodyid[0]).name
+        entries.append(f'[markers.{site.name}]\nbody = "{body}"\nposition = {site.pos.tolist()}')
+    (tmp_path / "places.toml").write_text("\n".join(entries))
     bare = scenes.load("double_pendulum")
     bare.compile()
     (tmp_path / "bare.xml").write_text(bare.to_xml())
-    arguments = [str(tmp_path / "bare.xml"), str(tmp_path / "up.trc"), "--places", str(tmp_path / "places.toml")]
+    arguments = [str(tmp_path / "bare.xml"), str(folder / "upward_y.trc"), "--places", str(tmp_path / "places.toml")]
     assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
     recording = Recording.load(tmp_path / "out" / "angles.csv")
     for joint in joints:

@@ -6,13 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
 import driven_arm
 import numpy as np
 import pytest
+from commands import entries_of
 from stand_ins import Here
 
 from experiments import batch, identify
@@ -29,6 +30,7 @@ from ident.mechanism.tree import Tree
 pytestmark = pytest.mark.usefixtures("undrawn")
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 FIRST, BOTH = (["arm.xml", *logs, "--out", "out", *OPTIONS] for logs in (["run0.csv"], ["run0.csv", "run1.csv"]))
+OUT = Path("out")
 
 
 @pytest.fixture(scope="module")
@@ -42,68 +44,51 @@ def recorded(tmp_path_factory):
     return out
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def folder(recorded, tmp_path, monkeypatch):
-    """A working folder with these files."""
+    """A working folder with these files, where tasks run in this process, one after the other."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
-    return tmp_path
-
-
-@pytest.fixture
-def here(monkeypatch):
-    """Tasks of a batch run in this process, one after the other."""
-
-    @contextmanager
-    def pool(number):
-        yield Here()
-
-    monkeypatch.setattr(workers, "worker_pool", pool)
+    monkeypatch.setattr(workers, "worker_pool", lambda number: nullcontext(Here()))
     monkeypatch.setattr(workers, "in_order", lambda *given, ahead: in_order(*given, ahead=1))
 
 
 def logs():
-    return json.loads(Path("out/batch.json").read_text(encoding="utf-8"))["logs"]
+    return entries_of(OUT / "batch.json")["logs"]
 
 
 @pytest.mark.slow
-def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys, here):
+def test_every_log_has_results_and_a_failure_is_a_row(capsys):
     assert batch.main(["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr()
     assert "3 logs: " in shown.out and "error: 1 of 3 logs failed: bad.csv." in shown.err
     assert "bad.csv failed: a log needs at least" in shown.out.replace("\n", " ")
     first, bad, second = logs()
     assert bad["error"].startswith("bad.csv: a log needs at least 10 samples") and not bad["folder"]
-    assert (first["folder"], second["folder"]) == ("run0", "run1")
+    assert (first["folder"], second["folder"]) == ("run0", "run1") and second["verdict"] in ("usable", "not")
     # The same as of the command for one log.
     assert identify.main(["arm.xml", "run1.csv", "--out", "alone", "--name", "x", *OPTIONS[:-2]]) == 0
-    alone = json.loads((folder / "alone" / "x" / "estimate.json").read_text(encoding="utf-8"))
-    assert json.loads((folder / "out" / "run1" / "estimate.json").read_text(encoding="utf-8")) == alone
-    assert second["verdict"] in ("usable", "not")
-    assert {*second["predicted"], *second["missed"]} <= set(second["ratios"]) and second["predicted"]
-    count = f"{len(second['predicted'])} of {len(second['predicted']) + len(second['missed'])}"
-    assert count in (folder / "out" / "table_logs.csv").read_text(encoding="utf-8")
-    assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
-    assert not list((folder / "out" / "run0").glob("*.pdf"))
-    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert entries_of(OUT / "run1" / "estimate.json") == entries_of(Path("alone/x/estimate.json"))
+    page, table, parameters = (
+        (OUT / name).read_text(encoding="utf-8") for name in ("report.html", "table_logs.csv", "table_parameters.csv")
+    )
+    predicted, missed = len(second["predicted"]), len(second["missed"])
+    assert {*second["predicted"], *second["missed"]} <= set(second["ratios"]) and predicted
+    assert f"{predicted} of {predicted + missed}" in table
+    assert (OUT / "run0" / "model.xml").exists() and not list((OUT / "run0").glob("*.pdf"))
     assert '<p class="verdict partly">' in page and "1: run0.csv" in page and "3: run1.csv" in page
-    table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")
-    assert "Fc(bend),,2," in table and "m3rx3,fore,2," in table
-    assert (folder / "out" / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out
+    assert "Fc(bend),,2," in parameters and "m3rx3,fore,2," in parameters
+    assert (OUT / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out
 
 
-def test_a_run_that_ends_early_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
+def test_a_run_that_ends_early_goes_on_with_what_is_left(capsys, monkeypatch):
     """Ended by an interrupt, a dead worker, a full disk, and one without room even for the outcomes."""
     tries, one = [], batch.outcome_of
 
-    def with_error(task, error):
+    def with_error(task, error=None):
         tries.append(task.name)
-        if task.name == "run1":
+        if error and task.name == "run1":
             raise error
-        return one(task)
-
-    def anew(task):
-        tries.append(task.name)
         return one(task)
 
     def unsaved(*_):
@@ -113,34 +98,34 @@ def test_a_run_that_ends_early_goes_on_with_what_is_left(folder, capsys, monkeyp
         with unwritten(out):
             unsaved()
 
-    def ended(*options, code=2, **patches):
-        """Error output of a run with other functions, which ends with a code."""
+    def ended(*options, code=2, error=None, **patches):
+        """Error output of a run with an error in its second task, or other functions, which ends with a code."""
         with monkeypatch.context() as patched:
+            patched.setattr(batch, "outcome_of", partial(with_error, error=error) if not patches else one)
             for name, replaced in patches.items():
-                patched.setattr(batch if name == "outcome_of" else identify, name, replaced)
+                patched.setattr(identify, name, replaced)
             assert batch.main([*BOTH, *options]) == code
         return capsys.readouterr().err
 
-    (folder / "out").mkdir()
-    (folder / "out" / "report.html").write_text("earlier", encoding="utf-8")
-    shown = ended(outcome_of=partial(with_error, error=KeyboardInterrupt()), code=130)
-    assert "run again with --resume" in shown
-    shown = ended("--resume", outcome_of=partial(with_error, error=DeadWorkerError("A worker process died.")))
+    OUT.mkdir()
+    page = OUT / "report.html"
+    page.write_text("earlier", encoding="utf-8")
+    assert "run again with --resume" in ended(error=KeyboardInterrupt(), code=130)
+    shown = ended("--resume", error=DeadWorkerError("A worker process died."))
     assert "error: run1.csv: A worker process died." in shown
     shown = ended("--resume", identified_from=full)
     assert "error: run1.csv: " in shown and "run1' could not be written (No space left on device)" in shown
     assert "run again with --resume" in shown and {errno.EDQUOT, errno.EFBIG, errno.EROFS} <= batch.FULL
-    assert "logs failed" not in shown
-    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
-    ended("--resume", outcome_of=anew, code=0)
+    assert "logs failed" not in shown and page.read_text(encoding="utf-8") == "earlier"
+    ended("--resume", code=0)
     assert tries == ["run0", "run1", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
-    before = (folder / "out" / batch.PROGRESS).read_bytes()
+    before = (OUT / batch.PROGRESS).read_bytes()
     with monkeypatch.context() as patched:
         patched.setattr(workers, "save_arrays", unsaved)
-        assert "--resume" not in ended(outcome_of=partial(with_error, error=batch.FullDiskError("run1.csv: full")))
-    assert (folder / "out" / batch.PROGRESS).read_bytes() == before
+        assert "--resume" not in ended(error=batch.FullDiskError("run1.csv: full"))
+    assert (OUT / batch.PROGRESS).read_bytes() == before
     assert "are of another run: options differ; leave out --resume" in ended("--resume", "--holdout", "0.3")
-    driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
+    driven_arm.log(4.0, 50.0, seed=5).save(Path("run1.csv"))
     assert "are of another run: files (run1.csv) differ" in ended("--resume")
 
 
@@ -161,18 +146,18 @@ DONE = LogOutcome(
         ([json.dumps(DONE)] * 3, "it has 3 outcomes of 2 logs"),
     ],
 )
-def test_damaged_outcomes_are_not_resumed(folder, capsys, here, texts, reason):
+def test_damaged_outcomes_are_not_resumed(capsys, texts, reason):
     args = batch.parser().parse_args(BOTH)
     identity = batch._identity(args, batch.check_shared(args))
-    (folder / "out").mkdir()
+    OUT.mkdir()
     outcomes = np.frombuffer("\n".join(texts).encode(), np.uint8)
-    np.savez(folder / "out" / batch.PROGRESS, identity=json.dumps(identity), outcomes=outcomes)
+    np.savez(OUT / batch.PROGRESS, identity=json.dumps(identity), outcomes=outcomes)
     assert batch.main([*BOTH, "--resume"]) == 2
     shown = capsys.readouterr().err
     assert "--resume needs the logs of an earlier run in " in shown and reason in shown
 
 
-def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, here):
+def test_a_fault_of_the_program_is_a_row_as_well(capsys, monkeypatch):
     plain = identify.identified_from
 
     def faulty(task, out):
@@ -184,20 +169,20 @@ def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, he
     assert batch.main(["arm.xml", "run0.csv", "bad.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr().err
     assert "Traceback" in shown and "error: 2 of 2 logs failed: run0.csv, bad.csv." in shown
-    first, second = logs()
-    assert first["error"] == "This is a fault of multicontact: LinAlgError: singular"
-    assert second["error"].startswith("bad.csv: a log needs at least")
+    first, second = (each["error"] for each in logs())
+    assert first == "This is a fault of multicontact: LinAlgError: singular"
+    assert second.startswith("bad.csv: a log needs at least")
 
 
 @pytest.mark.slow
-def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here):
+def test_results_that_are_not_as_they_were_written_are_done_again(monkeypatch):
     assert batch.main(BOTH) == 0
-    file, other = (folder / "out" / "run1" / name for name in ("estimate.json", "table_base_parameters.csv"))
+    file, other = (OUT / "run1" / name for name in ("estimate.json", "table_base_parameters.csv"))
     before = file.read_bytes()
     file.unlink()
     other.write_bytes(b"")
     # What others put there does not count.
-    (folder / "out" / "run0" / "note.txt").write_text("mine", encoding="utf-8")
+    (OUT / "run0" / "note.txt").write_text("mine", encoding="utf-8")
     again, one = [], batch.outcome_of
     monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
     for _ in range(2):
@@ -207,16 +192,16 @@ def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkey
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs locks of files")
-def test_one_batch_at_a_time_writes_into_a_folder(folder, capsys, here):
+def test_one_batch_at_a_time_writes_into_a_folder(capsys):
     hold = "import pathlib, ident.files.atomic as a\nwith a.alone(pathlib.Path('out')): print(1, flush=True); input()"
-    (folder / "out").mkdir()
+    OUT.mkdir()
     with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         other.stdout.readline()
         assert batch.main(FIRST) == 2
         assert "Another run is writing into 'out'; wait until it has ended" in capsys.readouterr().err
-        assert [path.name for path in (folder / "out").iterdir()] == [f"{PARTIAL}running"]
+        assert [path.name for path in OUT.iterdir()] == [f"{PARTIAL}running"]
         other.kill()
-    assert batch.main(FIRST) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
+    assert batch.main(FIRST) == 0 and not list(OUT.glob(f"{PARTIAL}*"))
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
@@ -235,10 +220,10 @@ NAMES = ("m1", "m2rz2", "Fc(hip)")
 MIXED = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 1e-12]]) * 1e-2
 
 
-def drawn(rng, count, moved=(), by=(0.0, 1.0, 0.0), std=1.0):
-    """Logs around one truth, some of them moved, and the covariances that they state."""
+def drawn(rng, count, moved=(), std=1.0):
+    """Logs around one truth, some of them with another second value, and the covariances that they state."""
     x = std * rng.multivariate_normal([20.0, 3.0, 1e-5], MIXED, count)
-    x += np.outer(np.isin(np.arange(count), moved), by)
+    x[list(moved), 1] += 1.0
     return [dict(zip(NAMES, each, strict=True)) for each in x.tolist()], [MIXED] * count
 
 
@@ -255,18 +240,17 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     leg = Mechanism(Tree((Body("base", BASE, np.eye(4), np.zeros(6)), shank)), np.zeros(3))
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, leg, {})
     (_, sentence, doubt), (_, failure, _) = document.findings
-    assert "Weight differs; Set-up axis" in " ".join(document.tables["table_logs"].markdown().split())
     assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
-    names = ", ".join(f"run{k}.csv" for k in moved)
     assert doubt and f"{len(moved)} of 20 logs differ" in sentence.replace("differs", "differ")
-    assert f" from the others: {names}. χ² is " in sentence
+    assert f" from the others: {', '.join(f'run{k}.csv' for k in moved)}. χ² is " in sentence
     assert "most in m2rz2 of shank by +" in sentence and "identify these logs apart" in sentence
     assert all(f"{k + 2}: run{k}.csv" in document.pictures[0] for k in moved)
     groups = document.tables["table_parameters"].groups()
     assert [(body, len(rows)) for body, _, rows in groups] == [("base", 1), ("shank", 2)]
     assert document.title == "arm.xml, identified from each of 21 logs"
-    table = document.tables["table_logs"].csv().splitlines()
-    assert [("m2rz2 of shank by +" in row) for row in table[2:]] == agreed.differ.tolist()
+    table = document.tables["table_logs"]
+    assert "Weight differs; Set-up axis" in " ".join(table.markdown().split())
+    assert ["m2rz2 of shank by +" in row for row in table.csv().splitlines()[2:]] == agreed.differ.tolist()
     numbers = document.numbers["batch"]["agreement"]["logs"]
     assert [name for name, each in numbers.items() if each["differs"]] == [f"run{k}.csv" for k in moved]
 

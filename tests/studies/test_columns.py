@@ -1,6 +1,5 @@
 """From a laboratory's file to parameters in two commands; and one sentence for bad input."""
 
-import json
 import re
 import tomllib
 from dataclasses import replace
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refusal
+from commands import entries_of, refusal
 from guesses.odd_logs import arm, laboratory, motors, write
 
 import ident
@@ -28,25 +27,28 @@ def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     *_, command = output.strip().splitlines()
     assert command == (f"multicontact identify {MODEL} {path} --columns {path.with_suffix('.toml')} --base base")
     assert identify.main([*command.split()[2:], "--out", str(tmp_path), "--name", "out"]) == 0
-    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    sensors = ident.Sensors(False, True) if log is motors else None
-    parameters = ident.find_base_parameters(arm(), **({"sensors": sensors} if sensors else {}))
-    truth = parameters.regroup(arm().known)
+    estimate = entries_of(tmp_path / "out" / "estimate.json")
+    sensors = ident.Sensors(log is laboratory, log is motors)
+    truth = ident.find_base_parameters(arm(), sensors=sensors).regroup(arm().known)
     values, std = (np.array(estimate[key])[: len(truth)] for key in ("values", "std_setup"))
     # Gains of motors agree with the model within a few per cent.
     assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
 
 
-def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
+def test_what_is_there_is_replaced_by_force_alone_and_other_logs_need_the_same_columns(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
-    arguments = [MODEL, str(path), "--base", "base"]
+    arguments, mapping = [MODEL, str(path), "--base", "base"], path.with_suffix(".toml")
     assert columns.main(arguments) == 0
-    first = path.with_suffix(".toml").read_bytes()
-    path.with_suffix(".toml").write_text("# mine")
+    first = mapping.read_bytes()
+    mapping.write_text("# mine")
     message = refusal(columns.main, arguments, capsys)
     assert re.fullmatch(r"python -m experiments\.columns: error: '.*' is there already; --force .*\n", message)
-    assert path.with_suffix(".toml").read_text() == "# mine"
-    assert columns.main([*arguments, "--force"]) == 0 and path.with_suffix(".toml").read_bytes() == first
+    assert mapping.read_text() == "# mine"
+    assert columns.main([*arguments, "--force"]) == 0 and mapping.read_bytes() == first
+    another = tmp_path / "another.csv"
+    another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
+    message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
+    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message
 
 
 def test_plates_under_a_person_rest_in_the_world(tmp_path, capsys):
@@ -59,8 +61,8 @@ def test_plates_under_a_person_rest_in_the_world(tmp_path, capsys):
     message = refusal(identify.main, [*arguments, "--out", str(tmp_path)], capsys)
     assert "Nothing holds the base, so that a wrench on a body or a joint torque is needed, and none" in message
     assert "columns that are not used are left_force.x, left_force.y, left_force.z" in message
-    assert columns.main(arguments) == 0 and "Open:" not in (printed := capsys.readouterr().out)
-    assert "not used" not in printed
+    assert columns.main(arguments) == 0
+    assert not re.search("Open:|not used", capsys.readouterr().out)
     wrenches = tomllib.loads((tmp_path / "angles.toml").read_text(encoding="utf-8"))["wrenches"]
     assert {name: (each["frame"], each["on"]) for name, each in wrenches.items()} == {
         side: ("world", f"{side}_foot") for side in ("left", "right")
@@ -70,15 +72,13 @@ def test_plates_under_a_person_rest_in_the_world(tmp_path, capsys):
 def test_few_of_many_columns_are_listed(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     header, *rows = path.read_text().splitlines()
-    wide = [";".join([header, *(f"x{k}" for k in range(300))])]
-    wide += [
-        ";".join([row, *(str(0.1 * (i + k) ** 2 % 7).replace(".", ",") for k in range(300))])
-        for i, row in enumerate(rows)
-    ]
+    wide = [";".join([header, *(f"x{k}" for k in range(150))])]
+    for i, row in enumerate(rows):
+        wide.append(";".join([row, *(str(0.1 * (i + k) ** 2 % 7).replace(".", ",") for k in range(150))]))
     path.write_text("\n".join(wide), encoding="utf-8")
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 180
+    assert re.search(r"and \d+ more that change", printed) and len(printed.splitlines()) < 150
 
 
 @pytest.mark.parametrize("huge", ["9e29", "-1e100"])
@@ -88,11 +88,3 @@ def test_numbers_that_no_sensor_reads_do_not_overflow(tmp_path, huge):
     rows[100] = rows[100].replace(rows[100].split(",")[1], huge)
     log.write_text("\n".join(rows), encoding="utf-8")
     assert columns.main([str(folder / "arm.xml"), str(log), "--base", "base"]) == 0
-
-
-def test_other_logs_need_the_same_columns(tmp_path, capsys):
-    path, _ = write(tmp_path, laboratory)
-    another = tmp_path / "another.csv"
-    another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
-    message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
-    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message

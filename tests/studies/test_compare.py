@@ -1,10 +1,10 @@
 """Two results side by side: their differences, significance of these, and different settings."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
+from commands import entries_of, rows_of
 from scipy import stats
 
 from experiments import compare
@@ -16,7 +16,9 @@ NAMES = ("m1", "m2rz2", "Ixx2")
 COVARIANCE = np.diag([0.01, 0.04, 0.09]) + 0.005
 
 
-def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, bodies=("base", "shank"), **options):
+def result(
+    folder, values, *, log="a", file=None, covariance=COVARIANCE, regrouping=NAMES, bodies=("base", "shank"), **options
+):
     """A folder in the format of `identify`, with an offset after the base parameters."""
     folder.mkdir()
     wide = np.pad(covariance, ((0, 1), (0, 1)), constant_values=1.0)
@@ -33,7 +35,10 @@ def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, 
     }
     provenance = {
         "options": {"logs": [log], "out": folder.name, "verbose": log == "a", "estimator": "trajectory"} | options,
-        "recording": {"model": {"file": "m.xml", "sha256": "0" * 64}, "logs": [{"file": f"{log}.csv", "sha256": log}]},
+        "recording": {
+            "model": {"file": "m.xml", "sha256": "0"},
+            "logs": [{"file": file or f"{log}.csv", "sha256": log}],
+        },
         "versions": {"multicontact": "1"},
         "git_commit": None,
     }
@@ -44,12 +49,16 @@ def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, 
 
 def run(tmp_path, *folders, more=()):
     assert compare.main([*map(str, folders), "--out", str(tmp_path / "out"), *more]) == 0
-    return json.loads((tmp_path / "out" / "comparison.json").read_text())["pairs"]
+    return entries_of(tmp_path / "out" / "comparison.json")["pairs"]
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, monkeypatch):
+@pytest.fixture
+def without_page(monkeypatch):
     monkeypatch.setattr(writer, "write_page", lambda *_: None)
+
+
+@pytest.mark.usefixtures("undrawn", "without_page")
+def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys):
     a, b = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.5, 3.0])
     first, second = result(tmp_path / "first", a), result(tmp_path / "second", b, log="b", estimator="weighted")
     (compared,) = run(tmp_path, first, second)
@@ -59,8 +68,7 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, m
     chi2 = (a - b) @ np.linalg.inv(2 * COVARIANCE) @ (a - b)
     assert compared["chi2"] == pytest.approx(chi2) and compared["p_value"] == pytest.approx(stats.chi2.sf(chi2, 3))
     assert compared["settings"] == {"estimator": ["trajectory", "weighted"], "logs": ["a.csv", "b.csv"]}
-    with (tmp_path / "out" / "table_differences.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = rows_of(tmp_path / "out" / "table_differences.csv")
     assert [row["body"] for row in rows] == ["base", "shank", "shank"]
     assert float(rows[1]["interval_95"]) == pytest.approx(1.959964 * compared["std"][1])
     output = capsys.readouterr().out
@@ -81,9 +89,8 @@ def test_the_chance_of_disagreement_is_right(tmp_path):
     assert stats.kstest(p, "uniform").pvalue > 0.01
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(writer, "write_page", lambda *_: None)
+@pytest.mark.usefixtures("undrawn", "without_page")
+def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys):
     folders = [result(tmp_path / name, [1.0, 2.0, x]) for name, x in (("a", 3.0), ("b", 4.0))]
     folders.append(result(tmp_path / "c", [1.0, 2.0, 9.0], log="c"))
     shared, far = run(tmp_path, *folders)
@@ -98,14 +105,10 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
 
 
-def test_logs_of_one_name_go_by_their_paths(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(writer, "write_page", lambda *_: None)
-    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "abc"]
-    for folder in folders:
-        file = folder / "provenance.json"
-        origin = json.loads(file.read_text())
-        origin["recording"]["logs"][0]["file"], origin["options"]["logs"] = "run.csv", [f"{folder.name}/run.csv"]
-        file.write_text(json.dumps(origin))
+@pytest.mark.usefixtures("without_page")
+def test_logs_of_one_name_go_by_their_paths(tmp_path, capsys):
+    named = {name: {"log": name, "file": "run.csv", "logs": [f"{name}/run.csv"]} for name in "abc"}
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], **options) for name, options in named.items()]
     first, _ = run(tmp_path, *folders, more=["--formats", "none"])
     assert first["settings"]["logs"] == ["a/run.csv (a)", "b/run.csv (b)"]
     assert capsys.readouterr().out.count("If logs are independent") == 1, "once for all pairs"

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from coded import coded, doubts_of
-from commands import refusal
+from commands import entries_of, refusal
 from scipy.signal import butter, sosfiltfilt
 from stand_ins import leave_undrawn
 
@@ -56,36 +56,40 @@ WEIGHTED = {"estimator": "weighted"}
 
 
 @cache
-def recording(tilt_deg=0.0, contact=None):
-    spec = scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact)
-    return simulate(spec, DOUBLE_PENDULUM, samples=600)
+def recording(tilt_deg=0.0):
+    return simulate(scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120), DOUBLE_PENDULUM, samples=600)
 
 
 def with_channels(original, **channels):
     return replace(original, measured={**original.measured, **channels}, true={}, noise={})
 
 
-def doubts_and_result(tmp_path, log, mapping=None, **options):
-    """Doubts on the aligned pendulum's model, values by code, and the result."""
-    path, columns = tmp_path / "log.csv", None
+def given(folder, log, *more):
+    """Arguments of the command for a log of the aligned pendulum."""
+    log.save(folder / "log.csv")
+    return [str(PENDULUM), str(folder / "log.csv"), "--base", "base", "--name", "me", "--out", str(folder), *more]
+
+
+def result_of(folder, log, *, model=None, mapping=None, **options):
+    """Estimate of the aligned pendulum, or of another specification of it, by a mapping of columns."""
+    path, columns, file = folder / "log.csv", folder / "columns.toml", folder / "model.xml"
     log.save(path)
-    if mapping:
-        columns = tmp_path / "columns.toml"
-        columns.write_text(mapping, encoding="utf-8")
-    result = identified(prepare(PENDULUM, path, base="base", columns=columns), **options)
-    return doubts_of(result), result
+    columns.write_text(mapping or "", encoding="utf-8")
+    if model:
+        model.compile()
+        file.write_text(model.to_xml(), encoding="utf-8")
+    ready = prepare(file if model else PENDULUM, path, base="base", columns=columns if mapping else None)
+    return identified(ready, **options)
 
 
 @pytest.fixture(scope="module")
 def aligned(tmp_path_factory):
     """Folder of the command's results for the aligned scene, its estimate, and what it prints."""
     folder, made, whole = tmp_path_factory.mktemp("aligned"), [], identify.identified_from
-    recording().save(folder / "log.csv")
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as printed:
         leave_undrawn(patched)
         patched.setattr(identify, "identified_from", lambda *given: made.append(whole(*given)) or made[0])
-        arguments = [str(PENDULUM), str(folder / "log.csv"), "--base", "base", "--name", "me", "--out", str(folder)]
-        assert identify.main(arguments) == 0
+        assert identify.main(given(folder, recording())) == 0
     return folder / "me", made[0][0], printed.getvalue()
 
 
@@ -102,13 +106,11 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys):
     model = DATA / "threeLinkHuman_subject1_sensorExt.urdf"
     options = ["--columns", str(bowing), "--cutoff", "3", "--estimator", "weighted", "--name", "bow"]
     assert identify.main([str(model), str(DATA / "bowing.csv"), *options, "--out", str(tmp_path)]) == 0
-    printed, estimate = capsys.readouterr().out, json.loads((tmp_path / "bow" / "estimate.json").read_text())
+    printed, estimate = capsys.readouterr().out, entries_of(tmp_path / "bow" / "estimate.json")
     held_out = {channel: numbers["ratio"] for channel, numbers in estimate["held_out"].items()}
     assert held_out["Fx"] <= 0.31 and held_out["Fz"] <= 0.42 and held_out["My"] <= 0.23
-    value = dict(zip(estimate["columns"], estimate["values"], strict=True))
-    std = dict(zip(estimate["columns"], estimate["std"], strict=True))
-    assert abs(value["m1"] - 61.65) < 0.1
-    assert abs(value["m3rz3"] - 8.5) < 0.4
+    value, std = (dict(zip(estimate["columns"], estimate[key], strict=True)) for key in ("values", "std"))
+    assert abs(value["m1"] - 61.65) < 0.1 and abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
     assert printed.startswith("✕ Unusable. One finding speaks against it; it predicts all 3 channels that count.")
     assert "It predicts all 3 channels that count. Not counted: Fy, Mx, Mz" in estimate["verdict"]
@@ -146,8 +148,8 @@ def assert_predicts_as_well(result, phi):
 
 
 def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
-    doubts, result = doubts_and_result(tmp_path, recording(tilt_deg=5.0))
-    assert not doubts
+    result = result_of(tmp_path, recording(tilt_deg=5.0))
+    assert not doubts_of(result)
     tilts = {each.name: np.degrees(each.value) for each in result.setup}
     # About z either the plate or both axes are turned; about y the axes are.
     assert tilts["rotation_z(ground)"] == pytest.approx(2.5, abs=0.1)
@@ -165,9 +167,8 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned)
         bad = rng.choice(len(values), len(values) // 100, replace=False)
         size = 3.0 if "position" in name else 50 * values.std()
         values[bad] += size * rng.choice([-1.0, 1.0], size=(len(bad), *values.shape[1:]))
-    _, result = doubts_and_result(tmp_path, with_channels(log, **spoilt))
-    rank = clean.prepared.equations.parameters.rank
-    assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
+    result = result_of(tmp_path, with_channels(log, **spoilt))
+    assert (abs(result.psi - clean.psi) < 1.96 * clean.std).all()
     assert any("outliers" in note for note in result.prepared.notes)
 
 
@@ -187,27 +188,15 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(aligned):
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
-    path, light = tmp_path / "log.csv", tmp_path / "light.xml"
-    recording().save(path)
     assert not coded(aligned[1], "masses_shown", "masses_hardly_shown")
-    spec = scenes.load("double_pendulum")
-    spec.body("link2").mass /= 3
-    spec.compile()
-    light.write_text(spec.to_xml(), encoding="utf-8")
-    result = identified(prepare(light, path, base="base"))
+    light = scenes.load("double_pendulum")
+    light.body("link2").mass /= 3
+    result = result_of(tmp_path, recording(), model=light)
     (named,) = coded(result, "masses_shown", "masses_limited", "masses_hardly_shown")
-    assert named.code == "masses_limited" and not named.doubt
+    assert named.code == "masses_limited" and not named.doubt and named.place.bodies == ("link2",)
     (mass,) = named.values["masses"].values()
-    assert named.place.bodies == ("link2",) and 10 < mass["mass"] < 20
     assert mass["model"] == pytest.approx(4.43, abs=0.005) and 4.43 < mass["lower"] < 13.3
-    assert mass["upper"] is None or mass["upper"] > 13.3
-
-
-def board(**missing):
-    """Mapping of the ground wrench without some channels."""
-    columns = {c: f"ground_{'force' if c[0] == 'F' else 'torque'}.{c[1]}" for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
-    names = [missing.get(c, name) for c, name in columns.items()]
-    return f"[wrenches.ground]\nforce = {json.dumps(names[:3])}\ntorque = {json.dumps(names[3:])}\n"
+    assert 10 < mass["mass"] < 20 and (mass["upper"] is None or mass["upper"] > 13.3)
 
 
 def unchecked(result):
@@ -217,24 +206,24 @@ def unchecked(result):
 
 
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
-    log = recording()
-    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""), **WEIGHTED)
-    assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
-    _, result = doubts_and_result(tmp_path, log, board(Fz=""), **WEIGHTED)
-    assert result.checks.weight is None
-    assert unchecked(result) == [("not measured", "Fz")]
-    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy="", Fz=""), **WEIGHTED)
-    assert unchecked(result) == [("no force",)]
+    Fx, Fy, Fz, *moments = (f"ground_{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz")
+    for force, expected in (
+        (["", "", Fz], []),
+        ([Fx, Fy, ""], [("not measured", "Fz")]),
+        (["", "", ""], [("no force",)]),
+    ):
+        mapping = f"[wrenches.ground]\nforce = {json.dumps(force)}\ntorque = {json.dumps(moments)}\n"
+        result = result_of(tmp_path, recording(), mapping=mapping, **WEIGHTED)
+        assert unchecked(result) == expected
+        weight = result.checks.weight
+        assert bool(weight) == bool(force[2])
+        assert not weight or (abs(weight.measured - 20.99) < 0.1 and abs(weight.drift) < 0.1)
 
 
 def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
-    model, path = tmp_path / "model.xml", tmp_path / "log.csv"
-    spec = scenes.load("double_pendulum")
-    spec.option.gravity = [0, 0, 0]
-    spec.compile()
-    model.write_text(spec.to_xml(), encoding="utf-8")
-    recording().save(path)
-    result = identified(prepare(model, path, base="base"), **WEIGHTED)
+    weightless = scenes.load("double_pendulum")
+    weightless.option.gravity = [0, 0, 0]
+    result = result_of(tmp_path, recording(), model=weightless, **WEIGHTED)
     assert unchecked(result) == [("no gravity",)]
     offsets = doubts_of(result)["large_offsets"]
     assert offsets["offsets"]["Fz"][0] == pytest.approx(206, abs=0.5)
@@ -244,35 +233,28 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     log = recording()
-    force = log.measured["ground_force"].copy()
-    force[:, 2] = 0
-    path = tmp_path / "log.csv"
-    with_channels(log, ground_force=force).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--name", "stuck", "--out", str(tmp_path)]
-    assert identify.main([*arguments, "--verbose"]) == 0
+    force = log["ground_force"] * [1, 1, 0]
+    arguments = given(tmp_path, with_channels(log, ground_force=force), "--verbose", "--estimator", "weighted")
+    assert identify.main(arguments) == 0
     printed = capsys.readouterr().out
     assert "Stuck at one value, though the model" in printed and "Fz (0)" in printed
     assert "5 channels." in printed and "\nFz " not in printed
     assert "The weight could not be checked: it shows in Fz of the sensor" in printed
-    constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
-    with_channels(log, **constant).save(path)
-    message = refusal(identify.main, arguments, capsys)
+    constant = {name: 0 * log[name] + 7 for name in ("ground_force", "ground_torque")}
+    message = refusal(identify.main, given(tmp_path, with_channels(log, **constant)), capsys)
     assert "is constant in every channel (Fx, Fy, Fz, Mx, My, Mz); check sensors and columns." in message
 
 
 def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
-    log, path, columns = recording(), tmp_path / "log.csv", tmp_path / "columns.toml"
+    log = recording()
     kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
-    plate = {f"Plate F{a}": log.measured["ground_force"][:, k] for k, a in enumerate("xyz")}
-    plate |= {f"Plate M{a}": log.measured["ground_torque"][:, k] for k, a in enumerate("xyz")}
-    Recording(log.time, kept | plate).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--out", str(tmp_path / "out")]
-    message, *lines = refusal(identify.main, arguments, capsys).splitlines()
+    plate = zip((f"Plate {kind}{axis}" for kind in "FM" for axis in "xyz"), log.wrench("ground").values.T, strict=True)
+    unnamed = Recording(log.time, kept | dict(plate))
+    message, *lines = refusal(identify.main, given(tmp_path, unnamed), capsys).splitlines()
     assert "neither a wrench nor a joint torque to fit" in message and "Plate Fx, Plate Fy" in message
     assert "--columns" in message and len(lines) == 3
-    columns.write_text("\n".join(lines), encoding="utf-8")
-    prepared = prepare(PENDULUM, path, base="base", columns=columns)
-    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
+    result = result_of(tmp_path, unnamed, mapping="\n".join(lines), **WEIGHTED)
+    np.testing.assert_array_equal(result.prepared.samples.measured, log.wrench("ground").values)
 
 
 def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():
@@ -286,18 +268,15 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     """However many findings, channels and parameters there are, files and page have them all."""
     long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
     plain = vars(Estimate)["findings"].func
-    findings = property(lambda estimate: [*plain(estimate), *[long] * 20])
-    monkeypatch.setattr(Estimate, "findings", findings)
-    recording().save(tmp_path / "log.csv")
-    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
-    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none"]) == 0
+    monkeypatch.setattr(Estimate, "findings", property(lambda estimate: [*plain(estimate), *[long] * 20]))
+    arguments = given(tmp_path, recording(), "--estimator", "weighted", "--formats", "none")
+    assert identify.main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("✓ Usable. It predicts ") and len(lines) <= 24
     assert max(map(len, lines[:-1])) <= 120 and "open report.html" in lines[-1]
     assert lines[3].split() == ["channel", "estimate", "model", "best"] and lines[-2].startswith("--verbose prints ")
     assert sum(line.startswith("  - ") for line in lines) == 5
-    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Constant offsets are taken out") >= 20
-    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none", "--verbose"]) == 0
+    assert (tmp_path / "me" / "report.html").read_text(encoding="utf-8").count("Constant offsets are taken out") >= 20
+    assert identify.main([*arguments, "--verbose"]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("Verdict: ") and "more remark" in shown and "table_base_parameters.md (" in shown

@@ -18,12 +18,11 @@ tibia = { segment = "shank", proximal = [0, 0, 0], distal = [0, -0.4, 0] }
 """
 
 
-def bodies():
-    """φ of the true leg, and of the file."""
-    shapes = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
-    of = lambda m, y, k: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k]))  # noqa: E731
-    true = {name: of(*shape) for name, shape in shapes.items()}
-    return true, {name: 1.2 * phi for name, phi in true.items()}
+SHAPES = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
+TRUE = {
+    name: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k])) for name, (m, y, k) in SHAPES.items()
+}
+"""φ of the leg's bodies."""
 
 
 def leg(tmp_path, phi):
@@ -46,17 +45,15 @@ def leg(tmp_path, phi):
 def swing(tmp_path_factory):
     """A model file that is 20 % off, a log of angles and the ground's wrench, and the true φ."""
     folder = tmp_path_factory.mktemp("leg")
-    true, stated = bodies()
-    path = leg(folder, stated)
+    path = leg(folder, {name: 1.2 * phi for name, phi in TRUE.items()})
     arm = quietly_read(path)
     t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
-    w = 2 * np.pi * np.array([[0.5, 1.1], [0.9, 0.4]])
-    size = np.array([[0.4, 0.2], [0.5, 0.3]])
-    q, dq, ddq = sines(t, size, w, np.array([[0.0, 2.0], [1.0, 0.5]]))
+    size, hertz = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.5, 1.1], [0.9, 0.4]])
+    q, dq, ddq = sines(t, size, 2 * np.pi * hertz, np.array([[0.0, 2.0], [1.0, 0.5]]))
     q -= [0, 0.9]
-    phi = np.concatenate(list(true.values()))
+    phi = np.concatenate(list(TRUE.values()))
     wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
-    noisy = wrench + rng.normal(size=wrench.shape) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
+    noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([0.5, 0.2], 3)
     cells = np.column_stack([q + 0.002 * rng.normal(size=q.shape), noisy]).T
     names = "hip", "knee", *(f"ground_{kind}{axis}" for kind in "ft" for axis in "xyz")
     return path, write_csv(folder / "swing.csv", {"time": t} | dict(zip(names, cells, strict=True))), phi
@@ -103,23 +100,15 @@ free_moment = ["ground_force_1_mx", "ground_force_1_my", "ground_force_1_mz"]
 """
 
 
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory):
-    out = tmp_path_factory.mktemp("walk")
-    opensim_walker.trial(out, opensim_walker.leg(out))
-    return out
-
-
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-def test_what_is_wrong_is_said_of_the_files_that_were_given(walk, tmp_path, capsys):
+def test_what_is_wrong_is_said_of_the_files_that_were_given(tmp_path, capsys):
     """Angles are fitted to markers first, and missing ones are reported."""
-    log, plates = f"{walk / 'walk.trc'}+{walk / 'walk.mot'}", tmp_path / "bad.toml"
+    opensim_walker.trial(tmp_path, opensim_walker.leg(tmp_path))
+    log, plates, markers = f"{tmp_path / 'walk.trc'}+{tmp_path / 'walk.mot'}", tmp_path / "x", tmp_path / "walk.trc"
     plates.write_text(PLATE.replace("ground_force_1_vx", "gone"))
-    given = [str(walk / "leg.osim"), log, "--out", str(tmp_path / "out"), "--columns"]
-    message = refusal(identify.main, [*given, str(plates)], capsys)
-    assert f"{log}: " in message and "'gone'" in message and "/tmp" not in message.replace(str(walk), "")
-    lines = (walk / "walk.trc").read_text(encoding="utf-8").replace("tibia", "other")
-    (tmp_path / "walk.trc").write_text(lines, encoding="utf-8")
-    given[1] = f"{tmp_path / 'walk.trc'}+{walk / 'walk.mot'}"
-    message = refusal(identify.main, [*given, "x"], capsys)
+    given = [str(tmp_path / "leg.osim"), log, "--out", str(tmp_path / "out"), "--columns", str(plates)]
+    message = refusal(identify.main, given, capsys)
+    assert f"{log}: " in message and "'gone'" in message and "/tmp" not in message.replace(str(tmp_path), "")
+    markers.write_text(markers.read_text(encoding="utf-8").replace("tibia", "other"), encoding="utf-8")
+    message = refusal(identify.main, given, capsys)
     assert "the markers do not determine knee; leave what they do not tell of out by --fix knee." in message

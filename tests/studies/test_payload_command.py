@@ -1,6 +1,5 @@
 """The command that identifies a robot's payload: its files, forms for other programs, and bad input."""
 
-import json
 import re
 import xml.etree.ElementTree as ET
 
@@ -8,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
-from commands import refusal
+from commands import entries_of, refusal
 from written_formats import write_csv
 
 from experiments import payload
@@ -29,7 +28,7 @@ def files(tmp_path):
     """The arm with a tool whose mass is wrong, and a log in two files with their own columns."""
     model, log, felt, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "felt.csv", "columns.toml"))
     model.write_text(wrist.model(tool={**wrist.TOOL, "mass": 0.25}), encoding="utf-8")
-    recording = wrist.log(seconds=8.0)
+    recording = wrist.log(seconds=5.0)
     angles = [recording[f"{joint}_position"] for joint in wrist.JOINTS]
     wrench = [*recording["wrist_force"].T, *recording["wrist_torque"].T]
     for path, names, cells in ((log, wrist.JOINTS, angles), (felt, ("fx", "fy", "fz", "tx", "ty", "tz"), wrench)):
@@ -43,16 +42,15 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
     printed, out = capsys.readouterr().out, tmp_path / "out"
     assert (out / "table_flange.csv").exists()
-    written = json.loads((out / "payload.json").read_text(encoding="utf-8"))
-    values = written["frames"]["tool"]["values"]
+    written = entries_of(out / "payload.json")
+    values, at_flange = (written["frames"][name]["values"] for name in ("tool", "link7"))
     assert written["verdict"].startswith("Usable") and abs(values[0] - 0.1) < 0.002
     text = (out / "payload.txt").read_text(encoding="utf-8")
     assert text in printed and "Verdict: Usable" in printed
 
     urdf = ET.fromstring(re.search(r"<inertial>.*?</inertial>", text, re.DOTALL)[0])
-    inertia = urdf.find("inertia").attrib
     numbers = [urdf.find("mass").get("value"), *urdf.find("origin").get("xyz").split()]
-    numbers += [inertia[f"i{axes}"] for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    numbers += [urdf.find("inertia").get(f"i{axes}") for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
     np.testing.assert_allclose(np.array(numbers, float), values, rtol=1e-5)
 
     inertial = re.search(r"<inertial mass.*?/>", text)[0]
@@ -62,17 +60,17 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     for key in ("mass", "ipos", "inertia"):
         np.testing.assert_allclose(*(np.sort(getattr(each, key)) for each in (compiled, updated)), rtol=1e-4, atol=1e-9)
 
-    at_flange = written["frames"]["link7"]["values"]
-    numbers = [float(x) for x in re.findall(r"[-\d.e]+", re.search(r"set_target_payload\((.*)\)", text)[1])]
-    np.testing.assert_allclose(numbers, at_flange, rtol=1e-5)
-    assert at_flange[3] - values[3] == pytest.approx(0.107)
-    column_by_column = [float(x) for x in re.findall(r"[-\d.e]+", re.search(r"setLoad\((.*)\)", text)[1])]
-    xx, yy, zz, xy, xz, yz = at_flange[4:]
-    np.testing.assert_allclose(column_by_column[4:], [xx, xy, xz, xy, yy, yz, xz, yz, zz], rtol=1e-5)
+    def arguments_of(function):
+        return [float(x) for x in re.findall(r"[-\d.e]+", re.search(rf"{function}\((.*)\)", text)[1])]
 
-    (log,) = json.loads((out / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
+    np.testing.assert_allclose(arguments_of("set_target_payload"), at_flange, rtol=1e-5)
+    assert at_flange[3] - values[3] == pytest.approx(0.107)
+    xx, yy, zz, xy, xz, yz = at_flange[4:]
+    np.testing.assert_allclose(arguments_of("setLoad")[4:], [xx, xy, xz, xy, yy, yz, xz, yz, zz], rtol=1e-5)
+
+    (log,) = entries_of(out / "provenance.json")["recording"]["logs"]
     assert [(each["file"], len(each["sha256"])) for each in log["files"]] == [("run.csv", 64), ("felt.csv", 64)]
-    assert log["samples"] == 800
+    assert log["samples"] == 500
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "set_target_payload" in page and "&lt;inertial" in page
 

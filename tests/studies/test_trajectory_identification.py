@@ -1,6 +1,5 @@
 """Results of `identify` for recordings with noisy joints and small set-up errors."""
 
-import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coded import coded
-from commands import refusal
-from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, estimated, faulty, shortened
+from commands import entries_of, refusal
+from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, estimated, faulty, shortened
 
 import ident
 import scenes
-import sim
 from experiments import identify
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
@@ -22,23 +20,19 @@ from ident.judgement.fit_findings import FAR_APART
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
+WRONG = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))  # Links 15 % off.
 
 
 def by_command(tmp_path, recordings, *options, columns=""):
     """Content of `estimate.json` for recordings saved as CSV files."""
-    logs = [str(tmp_path / f"log{k}.csv") for k in range(len(recordings))]
+    logs, mapping = [str(tmp_path / f"log{k}.csv") for k in range(len(recordings))], tmp_path / "columns.toml"
     for log, recording in zip(logs, recordings, strict=True):
         recording.save(log)
     if columns:
-        (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
-        options = (*options, "--columns", str(tmp_path / "columns.toml"))
+        mapping.write_text(columns, encoding="utf-8")
+        options = (*options, "--columns", str(mapping))
     assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
-    return json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-
-
-def distances(estimate, std):
-    """Errors of base parameters in one of the two kinds of standard deviations."""
-    return np.abs(np.array(estimate["values"][: len(TRUTH)]) - TRUTH) / estimate[std][: len(TRUTH)]
+    return entries_of(tmp_path / "out" / "estimate.json")
 
 
 @pytest.mark.slow
@@ -53,18 +47,21 @@ def test_clean_recordings_are_usable_and_nothing_is_found():
     assert np.mean(beyond) <= 0.15
 
 
+FAULTS = [
+    ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
+    ({"gravity": 2}, "gravity_x", np.radians(2), "Gravity is tilted by"),
+]
+SLOW_FAULTS = [
+    ({"fast": 0.005}, "clock(ground)", -0.005, "% fast"),
+    ({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z"),
+    ({"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads"),
+    ({"gains": (1, 1, 1.1, 1, 1, 1)}, "gain(Fz)", 0.1, "The channel Fz reads"),
+]
+
+
 @pytest.mark.parametrize(
     ("fault", "name", "value", "words"),
-    [
-        ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
-        pytest.param({"fast": 0.005}, "clock(ground)", -0.005, "% fast", marks=pytest.mark.slow),
-        pytest.param({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z", marks=pytest.mark.slow),
-        ({"gravity": 2}, "gravity_x", np.radians(2), "Gravity is tilted by"),
-        pytest.param(
-            {"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads", marks=pytest.mark.slow
-        ),
-        pytest.param({"gains": (1, 1, 1.1, 1, 1, 1)}, "gain(Fz)", 0.1, "The channel Fz reads", marks=pytest.mark.slow),
-    ],
+    [*FAULTS, *(pytest.param(*fault, marks=pytest.mark.slow) for fault in SLOW_FAULTS)],
 )
 def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words):
     estimate = estimated(3, **fault)
@@ -95,8 +92,7 @@ def test_a_forgotten_base_is_named(tmp_path, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     recording = shortened(faulty(3, delay=0.03), 600)
-    arguments = (tmp_path, [recording], "--base", "base")
-    without = by_command(*arguments, columns="[setup]\ndelay = 0\nclock = false\n")
+    without = by_command(tmp_path, [recording], "--base", "base", columns="[setup]\ndelay = 0\nclock = false\n")
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]
     given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
     for wrong, message in (
@@ -128,8 +124,7 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
 
 def test_logs_have_the_same_channels_and_own_what_logs_can_have():
     recording = shortened(faulty(), 300)
-    force = recording["ground_force"].copy()
-    force[:, 1] = 7
+    force = recording["ground_force"] * [1, 0, 1] + [0, 7, 0]
     planar = replace(recording, measured={**recording.measured, "ground_force": force})
     for logs, options, message in (
         ([recording, planar], {}, "A log to fit besides the first needs the channels Fx, Fy, Fz"),
@@ -144,23 +139,21 @@ def test_logs_have_the_same_channels_and_own_what_logs_can_have():
             ident.identify(PENDULUM, logs, **options)
 
 
-def one_joint_moves(seed=0):
-    """The first joint rests, so that some parameters are inseparable; the model's links are 15 % off."""
-    rng = np.random.default_rng(seed)
-    true = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed, samples=600)
-    q, dq, ddq = (x * [0, 1] for x in true.noise_free.joint_states(JOINTS))
+def one_joint_moves():
+    """A recording in which the first joint rests, so that some parameters are inseparable."""
+    rng = np.random.default_rng(0)
+    time = np.arange(600) / 100
+    q, dq, ddq = (x * [0, 1] for x in DOUBLE_PENDULUM.trajectory(time))
     wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
     wrench += rng.normal(size=wrench.shape) * np.repeat([0.5, 0.05], 3)
-    wrong = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))
-    return wrong, angles_and_wrench(true.time, q + 0.003 * rng.normal(size=q.shape), wrench)
+    return angles_and_wrench(time, q + 0.003 * rng.normal(size=q.shape), wrench)
 
 
 @pytest.mark.slow
 def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_knows():
-    mechanism, recording = one_joint_moves()
-    estimate = ident.identify(mechanism, recording)
-    assert estimate.trajectory.known
-    assert coded(estimate, "prior_needed")
+    recording = one_joint_moves()
+    estimate = ident.identify(WRONG, recording)
+    assert estimate.trajectory.known and coded(estimate, "prior_needed")
     assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
     explained = estimate.rivals["model"] > 0.1
     assert (estimate.held_out.ratio[1:] < 0.1).all() and explained.any()
@@ -169,7 +162,7 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
     assert np.abs(estimate.moved_from_prior).max() > 0.3
     # Parameters of almost resting joints are open by more than their size, or rounding decides: then there is an error.
     try:
-        without = ident.identify(mechanism, recording, known=False)
+        without = ident.identify(WRONG, recording, known=False)
     except ident.ExcitationError as error:
         assert "does not determine all parameters" in str(error)
     else:
@@ -178,16 +171,14 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
 
 def test_bodies_are_physical_where_that_is_asked_for():
     """The model's links are 15 % off: estimates move as far as the recording asks for, but stay physical."""
-    wrong = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))
-    free = ident.identify(wrong, faulty())
-    held = ident.identify(wrong, faulty(), physical=True)
+    free, held = (ident.identify(WRONG, shortened(faulty(), 600), physical=physical) for physical in (False, True))
     full = held.consistent()
     assert full.attainable and full.distance < 0.5 * free.consistent().distance
     assert (np.linalg.eigvalsh(pseudo_inertia(full.phi.reshape(-1, 10))) > 0).all()
     assert (np.abs(held.psi - TRUTH) < 3 * held.std).all()
     assert (held.held_out.ratio < 1.05 * free.held_out.ratio).all()
     with pytest.raises(ident.InputError, match="Only the trajectory estimate can be held to physical bodies"):
-        ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
+        ident.identify(WRONG, faulty(), estimator="ordinary", physical=True)
 
 
 def test_pieces_may_be_worked_on_elsewhere():
