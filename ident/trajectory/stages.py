@@ -31,6 +31,7 @@ from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
+from ident.trajectory.left_out import CLEARLY
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
@@ -271,7 +272,8 @@ class Stages:
         # Pieces that repeat motions and what is left of them predict each other's errors as well.
         repeated = sum(len(each.starts) for each in repeating(self.measurement, fit)) == len(estimate.counts)
         worth = -WORTH_A_PRIOR if repeated else WORTH_A_PRIOR
-        chosen = better(estimate, "prior", with_prior, worth)
+        chosen = better(estimate, "prior", lambda: self.carried(estimate), worth - CLEARLY)
+        chosen = better(estimate, "prior", with_prior, worth) if chosen.known else chosen
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
 
