@@ -299,7 +299,7 @@ class Stages:
             soon = self.refitted(replace(white, coloured=True), rounds=HOPELESS)
             if soon.fit.status != "stopped":
                 return soon
-            margin = 0.0 if soon.fit.trace[-1] < STEADY else -FAR_WORSE
+            margin = CLEARLY if soon.fit.trace[-1] < STEADY else -FAR_WORSE
             hopeful = better(white, "", lambda: soon, margin).coloured
             return self.refitted(soon, rounds=WEIGHED - HOPELESS) if hopeful else soon
 
