@@ -14,7 +14,7 @@ from mechanisms import (
 )
 
 from ident.errors import InputError
-from ident.geometry.se3 import coAd
+from ident.geometry.se3 import coAd, pose
 from ident.mechanism.body import BASE, Body, free_joint
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
@@ -128,7 +128,11 @@ def test_they_are_those_of_the_regressors(moving, samples):
     if moving:
         base = BaseMotion(np.broadcast_to(np.eye(4), (samples, 4, 4)), *rng.normal(size=(2, samples, 6)))
     phi = random_phi(rng, len(tree.inertial))
-    wrench, torques = inverse_dynamics(tree, Motion(*states, base), phi, GRAVITY)
+    longer = rng.uniform(-0.5, 0.5, len(tree.bodies))
+    wrench, torques = inverse_dynamics(tree, Motion(*states, base), phi, GRAVITY, longer)
+    pairs = zip(tree.bodies, 1 + longer, strict=True)
+    bodies = [replace(body, home=pose(body.home[:3, :3], length * body.home[:3, 3])) for body, length in pairs]
+    tree = replace(tree, bodies=tuple(bodies))
     given = {"gravity": GRAVITY, "base": base}
     np.testing.assert_allclose(wrench, base_wrench_regressor(tree, *states, **given) @ phi, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(torques, joint_torque_regressor(tree, *states, **given) @ phi, rtol=1e-11, atol=1e-11)
