@@ -64,9 +64,9 @@ WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
 HOPELESS, STEADY, FAR_WORSE = 8, 2.0, 0.7
-"""Rounds after which correlated noise that does not predict better is given up, step of θ, in standard deviations,
-below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six were decided
-by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that rubs ends at
+"""Rounds after which correlated noise that does not predict clearly better is given up, step of θ, in standard
+deviations, below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six
+were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that rubs ends at
 1.00, from 1.03 while θ moves by 24."""
 
 OVERRATED = 2.0
@@ -325,12 +325,17 @@ class Stages:
         return replace(estimate.with_fit(opened), reversals=reversals)
 
     def refitted(
-        self, estimate: TrajectoryEstimate, *, rounds: int = iteration.ROUNDS, settled: Tolerance = NEAR
+        self,
+        estimate: TrajectoryEstimate,
+        *,
+        rounds: int = iteration.ROUNDS,
+        settled: Tolerance = NEAR,
+        shares: bool = True,
     ) -> TrajectoryEstimate:
         """Estimate fitted again from its end point, to a tolerance."""
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
-        again = self.refit_of(estimate, settled)(fit.end, fit.free, rounds)
+        again = self.refit_of(estimate, settled, shares)(fit.end, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
         return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
@@ -360,7 +365,7 @@ class Stages:
         estimate = self._with_weighted_prior(estimate if estimate.fit.scatters else self.scattered(estimate))
         if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
             return estimate
-        refit = self.refit_of(estimate)
+        refit = self.refit_of(estimate, shares=False)
 
         def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
@@ -429,7 +434,7 @@ class Stages:
             estimate = estimate if estimate.reversals is None else self._opened(estimate)
             rougher = [replace(own, jerk=own.jerk / ROUGHER) for own in fit.noises]
             estimate = estimate.with_fit(replace(estimate.fit, noises=rougher))
-        out = self.refitted(estimate, settled=SETTLED)
+        out = self.refitted(estimate, settled=SETTLED, shares=False)
         again = replace(out.fit, scatters=fit.scatters, trace=(*fit.trace, *out.fit.trace))
         return self.scattered(out.with_fit(again))
 
@@ -443,14 +448,15 @@ class Stages:
         """Measurement with the estimated slips of friction."""
         return self.measurement if reversals is None else self.measurement.with_slips(reversals.slip)
 
-    def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR) -> Refit:
+    def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR, shares: bool = True) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior.
 
         Args:
             estimate: The estimate.
             settled: Tolerance with which fits end.
+            shares: True for the shares of the pieces, which fits have anyway where drives may be at their bound.
         """
-        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled)
+        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled, shares)
 
     def _refit(
         self,
@@ -458,6 +464,7 @@ class Stages:
         selected: Sequence[np.ndarray],
         estimate: TrajectoryEstimate | None = None,
         settled: Tolerance = NEAR,
+        shares: bool = False,
     ) -> Refit:
         """Function that fits pieces, each with its own subset of the parameters, as an estimate; to explore by default.
 
@@ -479,7 +486,9 @@ class Stages:
         drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
+            bounded = drives | (self._is_drive & free)
+            asked = shares or (estimate is not None and bool(bounded.any()))
+            return with_positive(partial(solve, shares=asked), bounded, begin, free, rounds)
 
         return refit
 
