@@ -66,8 +66,8 @@ WEIGHED = 20
 HOPELESS, STEADY, FAR_WORSE = 8, 2.0, 0.7
 """Rounds after which correlated noise that does not predict clearly better is given up, step of θ, in standard
 deviations, below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six
-were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that rubs ends at
-1.00, from 1.03 while θ moves by 24."""
+were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that
+rubs ends at 1.00, from 1.03 while θ moves by 24."""
 
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
