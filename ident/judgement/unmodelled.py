@@ -23,7 +23,6 @@ from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
-from ident.mechanism.tree import Tree
 from ident.model.inverse_dynamics import inverse_dynamics
 
 CLEARLY = 0.9
@@ -99,7 +98,7 @@ class HypothesisFit:
         equations, motions = self.equations, (self.fitted.motion, self.judged.motion)
         tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
         phi, carried = _bodies(equations, self.values), [False] * len(tree.bodies)
-        stated = [_channels(equations, tree, gravity, phi, motion) for motion in motions]
+        stated = [_channels(equations, gravity, phi, motion) for motion in motions]
         for i, body in enumerate(tree.bodies):
             carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
             if body.moves and body.parent != BASE and body.home[:3, 3].any():
@@ -150,11 +149,8 @@ def _bodies(equations: Equations, values: np.ndarray) -> np.ndarray:
 
 def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion, stated: np.ndarray) -> np.ndarray:
     """Derivative of stated channels (N, C) by the relative distance of a joint from its parent's frame (1, N, C)."""
-    tree = equations.mechanism.tree
-    home = tree.bodies[i].home.copy()
-    home[:3, 3] *= 1 + STEP
-    longer = replace(tree, bodies=(*tree.bodies[:i], replace(tree.bodies[i], home=home), *tree.bodies[i + 1 :]))
-    return (_channels(equations, longer, equations.mechanism.gravity, phi, motion) - stated)[None] / STEP
+    longer = STEP * np.eye(len(equations.mechanism.tree.bodies))[i]
+    return (_channels(equations, equations.mechanism.gravity, phi, motion, longer) - stated)[None] / STEP
 
 
 def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:
@@ -165,14 +161,16 @@ def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:
     unit[10 * k : 10 * k + 4] = 1, *point
     # A mass at rest is a force, along whatever axis gravity has.
     rest = Motion(motion.q, 0 * motion.dq, 0 * motion.ddq)
-    along = np.stack([_channels(equations, tree, axis, unit, rest) for axis in np.eye(3)])
+    along = np.stack([_channels(equations, axis, unit, rest) for axis in np.eye(3)])
     place = pose[:, :3, 3] + pose[:, :3, :3] @ point
     return np.concatenate([along, np.einsum("anc,na->nc", along, place)[None]])
 
 
-def _channels(equations: Equations, tree: Tree, gravity: np.ndarray, phi: np.ndarray, motion: Motion) -> np.ndarray:
-    """Channels of bodies alone (N, C)."""
-    wrench, torques = inverse_dynamics(tree, motion, phi, gravity)
+def _channels(
+    equations: Equations, gravity: np.ndarray, phi: np.ndarray, motion: Motion, longer: np.ndarray | None = None
+) -> np.ndarray:
+    """Channels of bodies alone (N, C), at relative increases of their distances from their parents (bodies,)."""
+    wrench, torques = inverse_dynamics(equations.mechanism.tree, motion, phi, gravity, longer)
     wrench = wrench if equations.wrench is None else wrench @ equations.wrench.T
     number = len(equations.channels) - len(equations.torques)
     return np.concatenate([wrench[:, :number], torques[:, list(equations.torques)]], axis=1)

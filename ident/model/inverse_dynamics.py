@@ -2,9 +2,10 @@
 
 Γ_i = Y_i φ_i            Γ_0 = Σ_i Γ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i
 
-These take a fraction of the regressor's operations, and φ and gravity are inputs of the recorded equations.
+These take a fraction of the regressor's operations, and φ, gravity and lengths are inputs of the recorded equations.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,7 +18,9 @@ from ident.model.regressor import CHUNK, freedoms, program_inputs
 from ident.model.tape import Program, Tape, uncollected
 
 
-def inverse_dynamics(tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def inverse_dynamics(
+    tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.ndarray, longer: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Wrench on the mechanism in the base frame (N, 6), and joint torques (N, n).
 
     Args:
@@ -25,13 +28,15 @@ def inverse_dynamics(tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.nd
         motion: Its motion (N samples).
         phi: Parameters of the bodies (10 b,).
         gravity: Acceleration of gravity, in the inertial frame if the base moves, else in the base frame (3,).
+        longer: Relative increase of every body's distance from its parent's frame, None for none (bodies,).
 
     Raises:
         InputError: The motion does not fit the mechanism.
     """
     motion, moving = motion.checked(tree), motion.base is not None
-    program = _program(tree, moving)
-    constants = np.concatenate([np.zeros(0) if moving else -np.asarray(gravity, float), phi])
+    program = _program(tree, moving, longer is not None)
+    lengths = np.zeros(0) if longer is None else 1 + longer
+    constants = np.concatenate([np.zeros(0) if moving else -np.asarray(gravity, float), phi, lengths])
     out = np.zeros((program.results, len(motion)))
     program.fill(out)
     for first in range(0, len(motion), CHUNK):
@@ -42,12 +47,16 @@ def inverse_dynamics(tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.nd
 
 @lru_cache(maxsize=64)
 @uncollected()
-def _program(tree: Tree, moving: bool) -> Program:
-    """Program that computes the wrench and the torques from `program_inputs`, acceleration at rest, and φ."""
+def _program(tree: Tree, moving: bool, stretched: bool) -> Program:
+    """Program that computes wrench and torques from `program_inputs`, acceleration at rest, φ, and relative lengths."""
     ends = freedoms(tree)
-    ends = np.append(ends, ends[-1] + (9 if moving else 3))
-    tape = Tape(int(ends[-1]) + 10 * len(tree.inertial))
-    q, dq, ddq, root, phi = np.split(np.array(tape.inputs), ends)
+    ends = np.append(ends, ends[-1] + np.cumsum([9 if moving else 3, 10 * len(tree.inertial)]))
+    tape = Tape(int(ends[-1]) + stretched * len(tree.bodies))
+    q, dq, ddq, root, phi, lengths = np.split(np.array(tape.inputs), ends)
+    if stretched:
+        pairs = zip(tree.bodies, lengths, strict=True)
+        bodies = (replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] * length)) for body, length in pairs)
+        tree = replace(tree, bodies=tuple(bodies))
     w, dw, a = root.reshape(3, 3) if moving else (np.zeros(3), np.zeros(3), root)
     motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
     wrenches = body_wrenches(tree, motions, phi)

@@ -31,6 +31,7 @@ from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
+from ident.trajectory.left_out import CLEARLY
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
@@ -63,10 +64,10 @@ WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
 HOPELESS, STEADY, FAR_WORSE = 8, 2.0, 0.7
-"""Rounds after which correlated noise that does not predict better is given up, step of θ, in standard deviations,
-below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six were decided
-by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that rubs ends at
-1.00, from 1.03 while θ moves by 24."""
+"""Rounds after which correlated noise that does not predict clearly better is given up, step of θ, in standard
+deviations, below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six
+were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that
+rubs ends at 1.00, from 1.03 while θ moves by 24."""
 
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
@@ -271,7 +272,8 @@ class Stages:
         # Pieces that repeat motions and what is left of them predict each other's errors as well.
         repeated = sum(len(each.starts) for each in repeating(self.measurement, fit)) == len(estimate.counts)
         worth = -WORTH_A_PRIOR if repeated else WORTH_A_PRIOR
-        chosen = better(estimate, "prior", with_prior, worth)
+        chosen = better(estimate, "prior", lambda: self.carried(estimate), worth - CLEARLY)
+        chosen = better(estimate, "prior", with_prior, worth) if chosen.known else chosen
         neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
         return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
 
@@ -297,7 +299,7 @@ class Stages:
             soon = self.refitted(replace(white, coloured=True), rounds=HOPELESS)
             if soon.fit.status != "stopped":
                 return soon
-            margin = 0.0 if soon.fit.trace[-1] < STEADY else -FAR_WORSE
+            margin = CLEARLY if soon.fit.trace[-1] < STEADY else -FAR_WORSE
             hopeful = better(white, "", lambda: soon, margin).coloured
             return self.refitted(soon, rounds=WEIGHED - HOPELESS) if hopeful else soon
 
@@ -323,12 +325,17 @@ class Stages:
         return replace(estimate.with_fit(opened), reversals=reversals)
 
     def refitted(
-        self, estimate: TrajectoryEstimate, *, rounds: int = iteration.ROUNDS, settled: Tolerance = NEAR
+        self,
+        estimate: TrajectoryEstimate,
+        *,
+        rounds: int = iteration.ROUNDS,
+        settled: Tolerance = NEAR,
+        shares: bool = True,
     ) -> TrajectoryEstimate:
         """Estimate fitted again from its end point, to a tolerance."""
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
-        again = self.refit_of(estimate, settled)(fit.end, fit.free, rounds)
+        again = self.refit_of(estimate, settled, shares)(fit.end, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
         return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
@@ -358,7 +365,7 @@ class Stages:
         estimate = self._with_weighted_prior(estimate if estimate.fit.scatters else self.scattered(estimate))
         if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
             return estimate
-        refit = self.refit_of(estimate)
+        refit = self.refit_of(estimate, shares=False)
 
         def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
@@ -427,7 +434,7 @@ class Stages:
             estimate = estimate if estimate.reversals is None else self._opened(estimate)
             rougher = [replace(own, jerk=own.jerk / ROUGHER) for own in fit.noises]
             estimate = estimate.with_fit(replace(estimate.fit, noises=rougher))
-        out = self.refitted(estimate, settled=SETTLED)
+        out = self.refitted(estimate, settled=SETTLED, shares=False)
         again = replace(out.fit, scatters=fit.scatters, trace=(*fit.trace, *out.fit.trace))
         return self.scattered(out.with_fit(again))
 
@@ -441,14 +448,15 @@ class Stages:
         """Measurement with the estimated slips of friction."""
         return self.measurement if reversals is None else self.measurement.with_slips(reversals.slip)
 
-    def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR) -> Refit:
+    def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR, shares: bool = True) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior.
 
         Args:
             estimate: The estimate.
             settled: Tolerance with which fits end.
+            shares: True for the shares of the pieces, which fits have anyway where drives may be at their bound.
         """
-        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled)
+        return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled, shares)
 
     def _refit(
         self,
@@ -456,6 +464,7 @@ class Stages:
         selected: Sequence[np.ndarray],
         estimate: TrajectoryEstimate | None = None,
         settled: Tolerance = NEAR,
+        shares: bool = False,
     ) -> Refit:
         """Function that fits pieces, each with its own subset of the parameters, as an estimate; to explore by default.
 
@@ -477,7 +486,9 @@ class Stages:
         drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
+            bounded = drives | (self._is_drive & free)
+            asked = shares or (estimate is not None and bool(bounded.any()))
+            return with_positive(partial(solve, shares=asked), bounded, begin, free, rounds)
 
         return refit
 

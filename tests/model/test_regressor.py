@@ -1,10 +1,13 @@
 """Regressors against the paper's recursion, differences and each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
 
 from ident.errors import InputError
+from ident.geometry.se3 import pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import dim, regressor
@@ -88,7 +91,11 @@ def test_inverse_dynamics_are_those_of_the_regressors(moving, samples):
     tree = random_tree(rng, 4)
     states, phi = random_states(rng, tree, samples), random_phi(rng, len(tree.inertial))
     base = moving_base(rng, samples) if moving else None
-    own = inverse_dynamics(tree, Motion(*states, base), phi, GRAVITY)
+    longer = rng.uniform(-0.5, 0.5, len(tree.bodies))
+    own = inverse_dynamics(tree, Motion(*states, base), phi, GRAVITY, longer)
+    pairs = zip(tree.bodies, 1 + longer, strict=True)
+    bodies = [replace(body, home=pose(body.home[:3, :3], length * body.home[:3, 3])) for body, length in pairs]
+    tree = replace(tree, bodies=tuple(bodies))
     for computed, of in zip(own, BOTH, strict=True):
         close(computed, of(tree, *states, gravity=GRAVITY, base=base) @ phi, 1e-11)
 

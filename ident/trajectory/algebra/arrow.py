@@ -112,11 +112,15 @@ class Posterior:
         """Covariance of the seven coefficients of every coordinate (S, n, 7, 7)."""
         S, width, _ = self.inverse.shape
         n = width // WINDOW
-        # All functions once and those of a coordinate adjacent, of which windows are slices.
-        every = np.concatenate([self.followed[:, :n], self.followed[-1:, n:].reshape(LOCAL, n, -1)]).swapaxes(0, 1)
-        followed = sliding(np.ascontiguousarray(every), WINDOW).swapaxes(0, 1)
-        own = np.einsum("sujvj->sjuv", self.inverse.reshape(S, WINDOW, n, WINDOW, n))
-        return own + followed @ transposed(followed)
+        out = np.einsum("sujvj->sjuv", self.inverse.reshape(S, WINDOW, n, WINDOW, n)).copy()
+        # Two functions are in several windows, of which each has their product.
+        every = np.concatenate([self.followed[:, :n], self.followed[-1:, n:].reshape(LOCAL, n, -1)])
+        for lag in range(WINDOW):
+            products = np.einsum("fjq,fjq->fj", every[: len(every) - lag], every[lag:])
+            for u in range(WINDOW - lag):
+                for at in {(u, u + lag), (u + lag, u)}:
+                    out[:, :, *at] += products[u : u + S]
+        return out
 
     def of_coordinates(self, some: slice, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Blocks of `A⁻¹` (k, 7 c, 7 c) and rows of `W √Σ` (k, 7 c, q) of some coordinates (c,) and intervals."""

@@ -41,6 +41,13 @@ class Prior(NamedTuple):
         return self._replace(precision=precision)
 
 
+def share(precision: np.ndarray, right: np.ndarray, own: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Precision (p, p) and right side (p,) of all of θ, from those of a piece's own parameters, by their indices."""
+    whole, right_side = np.zeros((number, number)), np.zeros(number)
+    whole[np.ix_(own, own)], right_side[own] = precision, right
+    return whole, right_side
+
+
 @dataclass(frozen=True, eq=False)
 class Start:
     """Starting point of an iteration.

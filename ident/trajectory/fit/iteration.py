@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import joined
-from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
+from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit, share
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
@@ -80,6 +80,7 @@ def fit(
     coloured: bool = True,
     kept: Collection[str] = (),
     explore: bool = False,
+    shares: bool = True,
     settled: Tolerance = SETTLED,
     executor: Executor | None = None,
     rounds: int = ROUNDS,
@@ -99,7 +100,8 @@ def fit(
         selections: Indices in θ of each piece's parameters; by default all entries for every piece.
         coloured: True if noise may be correlated over time.
         kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
-        explore: True to end as soon as the channels' noise has converged, without the shares of the pieces.
+        explore: True to end as soon as the channels' noise has converged.
+        shares: True for the shares of the pieces, which an interrupted fit has anyway.
         settled: Tolerance with which the fit ends.
         executor: Executor for the pieces; by default they are computed here.
         rounds: Largest number of rounds.
@@ -116,9 +118,9 @@ def fit(
     iteration = _Iteration(problem, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    shares = problem.shares(at) if len(free) and not (explore and status != "interrupted") else []
+    wanted = problem.shares(at) if len(free) and (shares or status == "interrupted") else []
     ended = at.noises, at.coefficients, pieces, tuple(iteration.trace), status
-    return TrajectoryFit(problem.names, problem.selections, prior, at.theta, shares, free, *ended)
+    return TrajectoryFit(problem.names, problem.selections, prior, at.theta, wanted, free, *ended)
 
 
 class _Iteration:
@@ -234,13 +236,9 @@ class _Problem:
 
     def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
         """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
-        out, p = [], len(self.free)
         every = self._run(partial(_share, self.measurement), at)
-        for (own, gradient), place in zip(every, self.selections, strict=True):
-            precision, right = np.zeros((p, p)), np.zeros(p)
-            precision[np.ix_(place, place)], right[place] = own, gradient
-            out.append((precision, right))
-        return out
+        pairs = zip(every, self.selections, strict=True)
+        return [share(schur, right, own, len(self.free)) for (schur, right), own in pairs]
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
         """Results of a function of each piece's point, and more."""

@@ -219,8 +219,7 @@ class _Absorbed(NamedTuple):
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
         explained, across, sums = np.empty((number, s, q), complex), np.empty((number, s)), np.zeros((BANDS, q, q))
-        for some, rows in here.blocks(which):
-            own = (stacked(rows) @ root).reshape(N, -1, q)
+        for some, own in here.blocks(which, root):
             weighted = stream.weights(own, some) * stream.std[some, None]
             signals = window * clear[:, some] * own, window * weighted, weighted
             explained[:, some], tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)

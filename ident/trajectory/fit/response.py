@@ -151,29 +151,34 @@ class Response:
         """Coefficients by θ along the trajectories (size, n, p)."""
         return -(self.eliminated.by_theta + self.smoothed).reshape(-1, len(self.jerk), self.smoothed.shape[1])
 
-    def rows(self, which: int, some: slice = slice(None)) -> np.ndarray:
-        """Rows R of θ of some signals of a stream, the trajectory eliminated (N, c, p)."""
-        stream, (size, n, p) = self.streams[which], self._moves.shape
+    def rows(self, which: int, some: slice = slice(None), root: np.ndarray | None = None) -> np.ndarray:
+        """Rows R of θ of some signals of a stream, the trajectory eliminated, times a root (p, q) if any (N, c, q)."""
+        stream, n = self.streams[which], len(self.jerk)
         at, deal = stream.at.dealt, stream.at.intervals
+        moves = self._moves[:, some] if stream.by_row is None else self._moves
+        moves = moves if root is None else moves @ root
+        size, _, q = moves.shape
         if stream.by_row is None:
-            moved = at[..., 0] @ sliding(self._moves[:, some].reshape(size, -1), LOCAL)
-            out = deal.gathered(moved).reshape(len(stream.time), -1, p)
+            moved = at[..., 0] @ sliding(moves.reshape(size, -1), LOCAL)
+            out = deal.gathered(moved).reshape(len(stream.time), -1, q)
+            units = np.eye(q) if root is None else root
             for j, zero in self.zeros.items():
-                out[:, j == np.arange(n)[some], zero] += 1
+                out[:, j == np.arange(n)[some]] += units[zero]
             return out
         by_states, by_theta = (x[:, some] for x in stream.by_row)
         by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))
         by_functions = (at[:, None] @ by_states).reshape(len(at), -1, LOCAL * n)
-        moved = (by_functions @ sliding(self._moves.reshape(-1, p), LOCAL * n, n)).reshape(len(at), -1, deal.room, p)
+        moved = (by_functions @ sliding(moves.reshape(-1, q), LOCAL * n, n)).reshape(len(at), -1, deal.room, q)
+        by_theta = by_theta if root is None else by_theta @ root
         return stream.at_samples(by_theta + deal.gathered(moved.swapaxes(1, 2)))
 
-    def blocks(self, which: int) -> Iterator[tuple[slice, np.ndarray]]:
-        """Yields a few signals of a stream at a time and their rows of θ (N, c, p), which stay in the cache."""
+    def blocks(self, which: int, root: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yields a few signals of a stream at a time and their `rows` (N, c, q), which stay in the cache."""
         N, number = self.streams[which].residual.shape
         size = max(1, 4 * TOGETHER // (8 * N * self._moves.shape[2]))
-        every = None if self.streams[which].by_row is None else self.rows(which)
+        every = None if self.streams[which].by_row is None else self.rows(which, root=root)
         for some in (slice(k, k + size) for k in range(0, number, size)):
-            yield some, self.rows(which, some) if every is None else every[:, some]
+            yield some, self.rows(which, some, root) if every is None else every[:, some]
 
     def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
         """Shares h of every stream's noise that the trajectory follows, in parts of the piece (k, F, s).

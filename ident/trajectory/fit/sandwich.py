@@ -20,7 +20,7 @@ import numpy as np
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
-from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.trajectory.fit.fitted import TrajectoryFit, share
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
@@ -38,11 +38,15 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
 
     Args:
         measurement: Channels and parameters.
-        fit: The fit.
+        fit: The fit, with or without the shares of its pieces.
         every: True for all pieces; False for as many as the noise is estimated from, enough for decisions, and of the
             others by numbers of samples.
     """
     responses = some_responses(measurement, fit)
+    if not fit.shares:
+        pieces = (responses.get(k) or response_of(measurement, fit, k) for k in range(len(fit.pieces)))
+        equations = zip((here.eliminated for here in pieces), fit.selections, strict=True)
+        fit = replace(fit, shares=[share(x.precision, x.gradient, own, len(fit.theta)) for x, own in equations])
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
     repeated = [_Repeated(each, fit) for each in repetitions(measurement, fit)]
     of_log = {log: each for each in repeated for log in each.motion.starts}
