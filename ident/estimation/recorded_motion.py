@@ -12,7 +12,6 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
@@ -227,6 +226,9 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
 
     They minimise `Σ ‖F⁻¹ T_body M - T_measured‖²`, from the best of the tracker's 24 turns by right angles.
     """
+    # Few recordings have poses, and the import takes long.
+    from scipy.optimize import least_squares
+
     tree, trackers = mechanism.tree, recording.trackers
     poses, base, pairs = tree.poses(motion.q), motion.base_poses, list[tuple[np.ndarray, np.ndarray]]()
     poses = poses if base is None else base[:, None] @ poses

@@ -14,7 +14,7 @@ import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement import mass_findings
-from ident.judgement.agreement import LEAST_ADDED, disagreement, disagreements, widening
+from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
 from ident.judgement.fit_findings import course_findings, halves_findings, quality_findings
@@ -205,9 +205,9 @@ def test_what_adds_nothing_does_not_differ_by_rounding():
     assert LEAST_ADDED < 0.02
     # The pieces of one recording by halves, of which either has to determine the parameter.
     result.counts = (3,)
-    assert disagreement(result) == pytest.approx(0.1 / np.sqrt(1 / 10 + 1 / 20))
+    assert differences(result) == pytest.approx([-0.1 / np.sqrt(1 / 10 + 1 / 20)])
     fit.shares[0] = each(0.0), np.zeros(1)
-    assert disagreement(result) is None
+    assert differences(result) is None
 
 
 def disagreeing(between=(), halves=None, logs=()):

@@ -92,8 +92,12 @@ def test_files_without_anything_are_refused(written, text, message):
     assert message in sentence_of(compiled, written("a.urdf", text))
 
 
-def test_names_of_files_are_text(written):
+def test_names_of_files_and_all_of_mjcf_are_utf_8(written):
     assert "has to be text in UTF-8" in sentence_of(compiled, written(os.fsdecode(b"a\xff.xml"), BODY))
+    latin = written("latin.xml", "")
+    head = "<?xml version='1.0' encoding='latin-1'?>"
+    latin.write_bytes((head + BODY.replace('"a"', '"ä"')).encode("latin-1"))
+    assert "latin.xml: MJCF needs to be in UTF-8" in sentence_of(compiled, latin)
 
 
 ARM = """<?xml version='1.0' encoding="UTF-8"?>\r

@@ -12,12 +12,13 @@ import pytest
 from commands import entries_of, refusal
 from mechanisms import random_states, random_tree
 from scipy.spatial.transform import Rotation
-from test_against_opensymoro import DATA, tree_of
+from test_against_opensymoro import DATA, frame_of
 
 from experiments import derive, symbols
 from experiments.data import paper
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.dh import tree_from_mdh
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
@@ -47,7 +48,8 @@ def case(name):
         tree, lengths = getattr(symbolic, name)()
         return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
     if name in GOLDEN:
-        tree = tree_of(entries_of(next(path for path in DATA if path.stem == name)))
+        golden = entries_of(next(path for path in DATA if path.stem == name))
+        tree = tree_from_mdh([frame_of(row) for row in golden["frames"]])
     else:
         tree = random_tree(np.random.default_rng(1), 3, kinds=KINDS, massless=0.2)
     return tree, symbolic.derive(*symbolic.exact_tree(tree))
