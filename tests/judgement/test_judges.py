@@ -17,10 +17,11 @@ from ident.judgement import mass_findings
 from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
-from ident.judgement.fit_findings import course_findings, halves_findings, quality_findings
+from ident.judgement.fit_findings import course_findings, halves_findings, prior_findings, quality_findings
 from ident.judgement.recording_findings import contact_findings, setup_remarks
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.mechanism.motion import Motion
+from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.wrench import Sensor
 
 
@@ -242,3 +243,14 @@ def test_widened_intervals_hold_where_the_noise_is_more_than_stated(excess, low,
     z = np.sqrt(excess * rng.chisquare(12, size=50_000) / 12)
     covered = np.mean(np.abs(errors) < 1.96 * np.array([widening(each) for each in z]))
     assert low < covered < high
+
+
+@pytest.mark.parametrize(("share", "code"), [(0.1, "prior_beside_data"), (0.9995, "prior_needed")])
+def test_halves_that_disagree_make_no_prior_needed(share, code):
+    base = ident.find_base_parameters(PENDULUM.tree, gravity=PENDULUM.gravity)
+    noise, wider = share * known_covariance(PENDULUM, base, KNOWN), np.r_[10.0, np.full(base.rank - 1, 2.0)]
+    joint = SimpleNamespace(known=True, fit=SimpleNamespace(covariance=noise))
+    fit = SimpleNamespace(parameters=base, equations=SimpleNamespace(absorbed={}))
+    widened = {"covariance": np.outer(wider, wider) * noise, "widening": 2.0, "condition_number": 10.0}
+    evidence = SimpleNamespace(mechanism=PENDULUM, known=KNOWN, fit=fit, trajectory=joint, **widened)
+    assert [each.code for each in prior_findings(evidence)] == [code]
