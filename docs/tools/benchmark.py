@@ -1,4 +1,4 @@
-"""Speed of regressor, identification, simulation and whole jobs, as ratios to other ways in one process.
+"""Speed of regressor, identification, simulation and linearisation, as ratios to other ways in one process.
 
 Ours and theirs take turns, and their medians are compared, after a check that their results are the same. All use one
 thread for linear algebra. Nothing is asserted: machines differ, and are noisy. `python -m docs.tools.benchmark` writes

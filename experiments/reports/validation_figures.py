@@ -164,7 +164,10 @@ def summary_figure(study: Study) -> Figure:
 
 
 def agreement(validation: Validation) -> dict[str, np.ndarray]:
-    """Differences in stated standard deviations: of halves, of trials identified alone, and of identical parts."""
+    """Differences in stated standard deviations: of halves, of trials identified alone, and of identical parts.
+
+    Those of halves are not widened by a parameter's own halves, which would always agree.
+    """
     return {
         "halves": validation.halves / validation.widening,
         "trials": validation.trial_z,

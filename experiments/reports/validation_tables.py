@@ -67,7 +67,7 @@ def table_recordings(study: Study) -> Table:
     )
     notes = (
         "RMS z of halves in standard deviations from the noise; beyond 1 these are widened by as much, and halves "
-        "inside 95 % are of the widened ones.",
+        "inside 95 % are of these, before parameters are widened by their own halves.",
     )
     return Table("Public recordings", columns, rows, decimals=1, heads=heads, notes=notes)
 

@@ -90,18 +90,25 @@ def repetition_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on a prior that was used, and on the need for it."""
-    if evidence.trajectory is not None and evidence.trajectory.known:
-        yield Finding.of("prior_beside_data" if _separated(evidence) else "prior_needed")
+    joint = evidence.trajectory
+    if joint is not None and joint.known:
+        separated = _separated(evidence, joint.fit.covariance)
+        yield Finding.of("prior_beside_data" if separated else "prior_needed")
 
 
-def _separated(evidence: Evidence) -> bool:
-    """True if the data of an estimate with a prior determine every base parameter without it."""
+def _separated(evidence: Evidence, covariance: np.ndarray) -> bool:
+    """True if the data of an estimate with a prior determine every base parameter without it.
+
+    Args:
+        evidence: The estimate.
+        covariance: Covariance due to the noise, ψ first (p, p).
+    """
     before = known_covariance(
         evidence.mechanism, evidence.fit.parameters, evidence.known, evidence.fit.equations.absorbed
     )
     # Of the variance with the prior, over that of the prior alone, this share is left where the data's own is so large.
     share = FAR_LESS**2 / (1 + FAR_LESS**2)
-    left = linalg.eigvalsh(evidence.covariance / evidence.widening**2, before)
+    left = linalg.eigvalsh(covariance[: len(before), : len(before)], before)
     return evidence.condition_number < CONDITION_LIMIT and bool(left[-1] < share)
 
 

@@ -98,24 +98,16 @@ class Structure:
         return np.vstack([rows @ composite[i] for i, rows in self.rows.items()])
 
 
-def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np.ndarray:
-    """Rows that span the rows of the sensors' regressor over all states.
+def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure:
+    """Rows on the composite bodies of a mechanism, which span those of the sensors' regressor over all states.
 
     Args:
         mechanism: The mechanism of b bodies.
         sensors: The measurements; by default the base wrench of a base at rest.
 
-    Returns:
-        A matrix (rows, 10 b) whose columns have the dependencies of the regressor for general motions.
-
     Raises:
         ModelError: No body has parameters.
     """
-    return structure(mechanism, sensors).matrix
-
-
-def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure:
-    """Rows on the composite bodies of a mechanism, arguments and errors as for `structure_matrix`."""
     sensors = sensors or Sensors()
     if not mechanism.bodies:
         raise ModelError("A mechanism of massless bodies has no parameters.")

@@ -14,13 +14,14 @@ import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement import mass_findings
-from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening
+from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
-from ident.judgement.fit_findings import course_findings, halves_findings, quality_findings
+from ident.judgement.fit_findings import course_findings, halves_findings, prior_findings, quality_findings
 from ident.judgement.recording_findings import contact_findings, setup_remarks
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.mechanism.motion import Motion
+from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.wrench import Sensor
 
 
@@ -242,3 +243,22 @@ def test_widened_intervals_hold_where_the_noise_is_more_than_stated(excess, low,
     z = np.sqrt(excess * rng.chisquare(12, size=50_000) / 12)
     covered = np.mean(np.abs(errors) < 1.96 * np.array([widening(each) for each in z]))
     assert low < covered < high
+
+
+def test_a_parameter_is_widened_by_its_own_halves_beyond_chance_alone():
+    """Of 13 parameters chance makes one in a thousand recordings differ by 3.95."""
+    z = np.r_[3.9, -4.0, np.zeros(11)]
+    np.testing.assert_array_equal(widenings(z, 1.5, 15), np.r_[1.5, 4.0, np.full(13, 1.5)])
+    np.testing.assert_array_equal(widenings(z, 5.0, 15), np.full(15, 5.0))
+    np.testing.assert_array_equal(widenings(None, 1.0, 2), [1.0, 1.0])
+
+
+@pytest.mark.parametrize(("share", "code"), [(0.1, "prior_beside_data"), (0.9995, "prior_needed")])
+def test_halves_that_disagree_make_no_prior_needed(share, code):
+    base = ident.find_base_parameters(PENDULUM.tree, gravity=PENDULUM.gravity)
+    noise, wider = share * known_covariance(PENDULUM, base, KNOWN), np.r_[10.0, np.full(base.rank - 1, 2.0)]
+    joint = SimpleNamespace(known=True, fit=SimpleNamespace(covariance=noise))
+    fit = SimpleNamespace(parameters=base, equations=SimpleNamespace(absorbed={}))
+    widened = {"covariance": np.outer(wider, wider) * noise, "widening": 2.0, "condition_number": 10.0}
+    evidence = SimpleNamespace(mechanism=PENDULUM, known=KNOWN, fit=fit, trajectory=joint, **widened)
+    assert [each.code for each in prior_findings(evidence)] == [code]

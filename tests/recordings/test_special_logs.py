@@ -21,7 +21,7 @@ from experiments.guesses.log_contents import log_contents
 from ident import Body, LogError, Mechanism, Sensors, Tree, read_log
 from ident.estimation.preparation import prepared
 from ident.mechanism.body import ball_twist
-from ident.parameters.structure import sampled_structure, structure_matrix
+from ident.parameters.structure import sampled_structure, structure
 from sim import mechanism
 
 N = 40
@@ -151,7 +151,7 @@ def test_the_structure_of_poses_is_that_of_sampled_ones():
         for wrench, torques, moving in ((1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)):
             rows = rng.normal(size=(2, 6)) if wrench and seed % 2 else None
             sensors = Sensors(bool(wrench), bool(torques), bool(moving), rows, still=True)
-            every = [structure_matrix(any_arm, sensors), sampled_structure(any_arm, sensors)]
+            every = [structure(any_arm, sensors).matrix, sampled_structure(any_arm, sensors)]
             every = [x / max(np.abs(x).max(initial=0), 1e-300) for x in every]
             ranks = {np.linalg.matrix_rank(x, tol=1e-9) if x.size else 0 for x in (*every, np.vstack(every))}
             assert len(ranks) == 1
