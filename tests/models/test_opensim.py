@@ -52,6 +52,12 @@ def test_opensim_computes_the_same(version):
         np.testing.assert_allclose(computed, expected, atol=3e-4 * abs(expected).max())
 
 
+def test_versions_3_and_4_are_the_same_mechanism(stated):
+    old, new = (stated(every_kind(5, version)[0]) for version in (3, 4))
+    assert old.tree == new.tree and old.sites.keys() == new.sites.keys() == {"marker0", "marker1", "marker2"}
+    np.testing.assert_array_equal(old.prior, new.prior)
+
+
 @pytest.mark.parametrize("kind", ["SimmSpline", "NaturalCubicSpline"])
 def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(kind):
     cubic, x = Polynomial([0.3, -0.2, 0.5, 0.7]), np.array([-1, -0.6, 0.1, 0.4, 1.3])
