@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import ndimage, signal
+from slow_pendulum import rounded
 
 from ident import Recording
 from ident.recordings import faults
@@ -85,10 +86,6 @@ def test_stretches_end_at_gaps_and_where_times_jump():
 TIME = T[:1000]
 SINE, SMOOTH = np.sin(2 * TIME), np.sin(2 * TIME) + 0.3 * np.sin(5.1 * TIME)
 NOISY = SMOOTH + 0.02 * np.random.default_rng(0).normal(size=1000)
-
-
-def rounded(x, step):
-    return step * np.round(x / step) if step else x
 
 
 @pytest.mark.parametrize("step", [0, 1e-3, 0.01])
