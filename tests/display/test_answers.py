@@ -89,6 +89,7 @@ def test_repr_is_short_and_the_summary_has_everything(estimate):
     heads = {tuple(line.split()[:2]) for line in summary.splitlines()}
     assert {(each.name, each.body) for each in estimate.parameters} <= heads
     words = " ".join(summary.split())
+    assert all(each.expression in words for each in estimate.parameters)
     sentences = [str(estimate.verdict()), *estimate.prepared.notes, *(finding.text for finding in estimate.findings)]
     assert all(" ".join(sentence.split()) in words for sentence in sentences)
     assert max(map(len, summary.splitlines())) <= 120
