@@ -6,6 +6,7 @@ import os
 # One thread is faster on the tests' small matrices, and does not compete with other processes of the machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 import pytest
 
 # Recorded equations are millions of small objects; at the usual rate, garbage collection among them takes a fifth of
@@ -50,6 +51,12 @@ def pytest_xdist_make_scheduler(config, log):
             return next((group[0] for group in (PEOPLE, STUDIES) if file.endswith(group)), file)
 
     return Together(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.fixture
+def rng():
+    """Random numbers that do not depend on the tests before."""
+    return np.random.default_rng(1)
 
 
 @pytest.fixture

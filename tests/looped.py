@@ -202,10 +202,14 @@ MODELS = {
 """Mechanisms with the joints that are driven."""
 
 
+def read(model: str, **options) -> Mechanism:
+    return sim.mechanism(mujoco.MjSpec.from_string(model), **options)
+
+
 @cache
 def opened(name: str) -> Mechanism:
     """A mechanism of `MODELS` before its loops are closed."""
-    return sim.mechanism(mujoco.MjSpec.from_string(MODELS[name][0]))
+    return read(MODELS[name][0])
 
 
 def closed(name: str) -> Mechanism:

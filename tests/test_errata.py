@@ -48,9 +48,9 @@ def inverse_adjoint(T):
     return se3.Ad(se3.inverse(T))
 
 
-def test_section_2_v_is_no_unit_vector():
+def test_section_2_v_is_no_unit_vector(rng):
     # A revolute joint about an axis through q has v = -ω × q, Table II's own joints v = 0.
-    twist = random_twist(RNG, "revolute")
+    twist = random_twist(rng, "revolute")
     q = np.cross(twist[3:], twist[:3])
     v = -np.cross(twist[3:], q)
     T = se3.exp(np.concatenate([v, twist[3:]]), 0.7)
@@ -59,8 +59,8 @@ def test_section_2_v_is_no_unit_vector():
     assert all(not body.twist[:3].any() for body in double_pendulum().bodies)
 
 
-def test_equation_8_the_printed_transform_moves_another_way():
-    T, spatial = random_pose(RNG), random_twist(RNG, "revolute")
+def test_equation_8_the_printed_transform_moves_another_way(rng):
+    T, spatial = random_pose(rng), random_twist(rng, "revolute")
     moved = se3.exp(spatial, 0.7) @ T
     printed = T @ se3.exp(se3.Ad(T) @ spatial, 0.7)
     assert abs(printed - moved).max() > 0.1
@@ -115,8 +115,8 @@ def test_equation_10_phi_is_linear_only_about_the_frame_origin():
     np.testing.assert_allclose(parameters_from_com(mass, com, inertia), PHI[:10], atol=1e-12)
 
 
-def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose():
-    T, F, V = random_pose(RNG), RNG.normal(size=6), RNG.normal(size=6)
+def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose(rng):
+    T, F, V = random_pose(rng), rng.normal(size=6), rng.normal(size=6)
     power = F @ V
     assert np.isclose((se3.coAd(T) @ F) @ (se3.Ad(T) @ V), power)
     assert not np.isclose((se3.Ad(T).T @ F) @ (se3.Ad(T) @ V), power)
@@ -130,22 +130,22 @@ def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose():
     assert abs(sum(se3.Ad(T).T @ w for T, w in zip(poses, bodies, strict=True)) - wrench).max() > 1
 
 
-def test_equation_16_the_last_adjoint_is_that_of_the_links_own_joint():
+def test_equation_16_the_last_adjoint_is_that_of_the_links_own_joint(rng):
     # The wrench through joint i is moved to the base by g_{i-1,i}; the printed chain goes on to link i + 1.
     base, first, second = (
         dim.relative_pose(body, q) for body, q in zip(TREE.bodies, TREE.body_coordinates(Q), strict=True)
     )
-    wrench = RNG.normal(size=6)
+    wrench = rng.normal(size=6)
     to_base = se3.coAd(base) @ se3.coAd(first)
     np.testing.assert_allclose(to_base @ wrench, se3.coAd(TREE.poses(Q)[1]) @ wrench, atol=1e-12)
     assert abs(to_base @ se3.coAd(second) @ wrench - to_base @ wrench).max() > 0.1
 
 
-def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign():
+def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign(rng):
     # MuJoCo exerts a wrench on link 2, in world axes at its centre of mass, and reads what the ground exerts.
     model = scenes.load("double_pendulum").compile()
     data = mujoco.MjData(model)
-    data.qpos, data.qvel, on_link = Q, DQ, RNG.normal(size=6)
+    data.qpos, data.qvel, on_link = Q, DQ, rng.normal(size=6)
     data.body("link2").xfrc_applied = on_link
     mujoco.mj_forward(model, data)
     ground = np.concatenate([data.sensor(f"ground_{kind}").data for kind in ("force", "torque")])
@@ -159,9 +159,9 @@ def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign():
     assert abs(ground - moved - expected).max() > 0.1
 
 
-def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
+def test_equation_17_the_sum_is_over_contacts_and_not_over_links(rng):
     # One contact, on the last of three bodies: the printed g_{0,i} with i = 1 … N_c is another body's.
-    contact, poses = RNG.normal(size=6), TREE.poses(Q)
+    contact, poses = rng.normal(size=6), TREE.poses(Q)
     ground = dim.base_wrench_regressor(PENDULUM, MOTION) @ PHI + se3.coAd(poses[2]) @ contact
     measured = total_wrench(TREE, Q[None], Wrench(ground[None]), [Wrench(-contact[None], TREE.names[2])]).values[0]
     np.testing.assert_allclose(measured, ground - se3.coAd(poses[2]) @ contact, atol=1e-11)

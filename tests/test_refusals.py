@@ -184,6 +184,7 @@ REFUSED = [
     *(("fix needs joints", partial(mechanism, SPEC, fix=x)) for x in (np.zeros(3), {"joint1": "here"})),
     ("ignore needs a list of texts; got 'x'", lambda: mechanism(SPEC, ignore="x")),
     ("base needs a text or None; got 3", lambda: mechanism(SPEC, base=3)),
+    ("needs a parent index", lambda: Tree((replace(POINT, parent="b"),))),
     # Regressors and parameters.
     ("'shoulder' needs quaternions; that of sample 0 is zero", lambda: regressor(Tree((SHOULDER,)), *NO_TURN)),
     ("3 joint states need as many samples of the base's motion", lambda: regressor(TREE, *STATES, base=ONE)),
@@ -231,6 +232,7 @@ REFUSED = [
     (r"ground wrench needs a symmetric covariance \(6, 6\), got", lambda: on_ground(covariance=np.eye(3))),
     ("total wrench needs finite joint states", lambda: total_wrench(TREE, np.full((4, 2), NAN), None, [])),
     ("need poses of a moving base", lambda: total_wrench(TREE, np.zeros((4, 2)), None, [], base=UNIT[None])),
+    ("ground needs a Wrench or None", lambda: total_wrench(TREE, STATES[0], 3, [])),
     ("applied_to_link needs True or False; got 'no'", lambda: mc.Sensor(applied_to_link="no")),
     ("needs a rigid pose", lambda: mc.Sensor(pose=np.eye(3))),
     # Recordings and signals.
@@ -252,6 +254,8 @@ REFUSED = [
     ("'a' needs finite numbers; sample 1 is inf", lambda: Recording([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]})),
     ("A moving base needs poses", lambda: Recording(SAMPLES, {}, base=[[1]])),
     ("The noise of channel 'a' needs a stand", lambda: Recording(SAMPLES, {"a": SAMPLES}, noise={"a": "x"})),
+    ("held needs True or False or None; got 'no'", lambda: Recording(SAMPLES, {}, held="no")),
+    ("true needs a mapping", lambda: Recording(SAMPLES, {}, true=[1])),
     ("no true values", lambda: Recording(SAMPLES, {"a": SAMPLES}).noise_free),
     ("sensors needs", lambda: LOG.with_sensors(3)),
     ("The recording has no channel '3'", lambda: LOG[3]),
@@ -301,6 +305,10 @@ REFUSED = [
     ("columns maps the columns of logs", lambda: identified(columns={"time": "t"})),
     *(("A cut-off is 'auto' or from 0", partial(identified, cutoff=x)) for x in (-3, 10**309)),
     ("estimate filters nothing", lambda: identified(estimator="joint", cutoff=5.0)),
+    ("offsets needs True or False; got 'no'", lambda: identified(offsets="no")),
+    ("leave_out needs a list of texts; got 'turn'", lambda: identified(leave_out="turn")),
+    ("estimator needs a text", lambda: identified(estimator=3)),
+    ("gaps needs True or False", lambda: mc.read_log({"time": SAMPLES}, ARM, gaps="no")),
     ("needs numbers, got complex", lambda: mc.read_log({"time": SAMPLES, "turn_position": SAMPLES * 1j}, ARM)),
     # Estimates and files.
     ("other needs an Estimate, as of", lambda: driven_arm.quick().compare(None)),
@@ -313,6 +321,7 @@ REFUSED = [
     ("cannot be read", lambda: mc.Estimate.load(".")),
     ("folder needs the path of a folder", lambda: mc.report(driven_arm.quick(), None)),
     (r"estimate\.consistent\(\);", lambda: mc.write_model("a.xml", PENDULUM, driven_arm.quick())),
+    ("drives needs a mapping of", lambda: mc.write_model("x.xml", PENDULUM, PENDULUM.known, 3)),
     ("need 30 finite parameters, got shape", lambda: mc.write_model("new.xml", PENDULUM, None)),
     # Options of commands.
     ("where it stands, got knee high", lambda: options.fixed([["knee", "high"]])),

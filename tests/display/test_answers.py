@@ -4,6 +4,7 @@ import re
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
+from types import SimpleNamespace as Namespace
 from xml.etree import ElementTree
 
 import driven_arm
@@ -88,6 +89,7 @@ def test_repr_is_short_and_the_summary_has_everything(estimate):
     heads = {tuple(line.split()[:2]) for line in summary.splitlines()}
     assert {(each.name, each.body) for each in estimate.parameters} <= heads
     words = " ".join(summary.split())
+    assert all(each.expression in words for each in estimate.parameters)
     sentences = [str(estimate.verdict()), *estimate.prepared.notes, *(finding.text for finding in estimate.findings)]
     assert all(" ".join(sentence.split()) in words for sentence in sentences)
     assert max(map(len, summary.splitlines())) <= 120
@@ -115,6 +117,29 @@ def test_plots_are_figures_of_the_estimate():
     measured, predicted = (line.get_ydata() for line in fit.axes[0].lines)
     np.testing.assert_allclose(measured, estimate.held_out.samples.measured[:, 0])
     np.testing.assert_allclose(measured - predicted, estimate.held_out.residual[:, 0])
+
+
+def test_a_notebook_shows_a_figure_once_whatever_its_cell_ends_with(monkeypatch):
+    """`estimate.plot();` has no last value, and `estimate.plot()` shows it before the cell ends."""
+    shown, ends = [], []
+
+    def display(figure):
+        with pytest.raises(NotImplementedError):  # IPython goes on to other ways to show it.
+            figure._ipython_display_()
+        shown.append(figure)
+
+    shell = Namespace(kernel=None, events=Namespace(register=lambda event, function: ends.append(function)))
+    notebook = Namespace(get_ipython=lambda: shell, display=Namespace(display=display))
+    monkeypatch.setitem(sys.modules, "IPython", notebook)
+    figures = [quick().plot(), quick().plot()]
+    display(figures[1])
+    ends[-1]()
+    ends[-1]()
+    assert shown == figures[::-1]
+    del shell.kernel
+    quick().plot()
+    ends[-1]()
+    assert len(shown) == 2
 
 
 def test_answers_are_sentences_and_tables_instead_of_their_fields():

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from swinging import pendulum as arm
 
 import scenes
 import sim
@@ -12,12 +13,6 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 
 DEG = 180 / np.pi
 GAINS = (4.2, -2.5)  # Gains of the motors, N m/A.
-
-
-@cache
-def arm():
-    """The pendulum of the scene."""
-    return sim.mechanism(scenes.load("double_pendulum"), base="base")
 
 
 @cache

@@ -23,11 +23,11 @@ WRENCH = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY) @ PHI
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_turned_or_flipped_wrench_is_recognised(sign):
+def test_a_turned_or_flipped_wrench_is_recognised(rng, sign):
     turns = model_fit.right_angled_rotations()
     assert len(turns) == len({R.tobytes() for R in turns}) == 24
     for k in range(0, 24, 3):
-        noisy = WRENCH + RNG.normal(size=WRENCH.shape)
+        noisy = WRENCH + rng.normal(size=WRENCH.shape)
         turned = (noisy.reshape(-1, 2, 3) @ turns[k]).reshape(-1, 6)
         check = checks.check_frame(sign * turned, WRENCH, np.eye(3))
         assert check.sign == sign and check.suspicious == (k > 0 or sign < 0)
@@ -35,9 +35,9 @@ def test_a_turned_or_flipped_wrench_is_recognised(sign):
 
 
 @pytest.mark.parametrize("body", [1, 2])
-def test_a_missing_contact_is_found(body):
+def test_a_missing_contact_is_found(rng, body):
     point = np.array([0.1, -0.2, 0.3])
-    force = RNG.normal(size=(300, 3))
+    force = rng.normal(size=(300, 3))
     poses = TREE.poses(STATES[0])[:, body] @ np.block([[np.eye(3), point[:, None]], [np.zeros(3), 1]])
     residual = transform_wrench(poses, np.hstack([force, np.zeros((300, 3))]))
     check = checks.check_contact(TREE, STATES[0], residual)
@@ -59,6 +59,13 @@ def test_slow_noise_beside_white_noise_does_not_go_with_a_motion(share, rate):
         noise = rng.normal(size=(len(time), 3))
         residual = np.sqrt(share) * slow / slow.std(axis=0) + np.sqrt(1 - share) * noise
         assert residuals.explained_by_motion(residual, motion).max() < 0.1
+
+
+@pytest.mark.parametrize(("rho", "most", "number"), [(0.0, 0.9, 1), (0.8, 0.9, 9), (0.99, 0.9, 19), (-0.8, 0.9, 1)])
+def test_samples_that_are_alike_count_as_one(rho, most, number):
+    noise = np.random.default_rng(0).normal(size=(20_000, 1))
+    alike = signal.lfilter([1], [1, -rho], noise, axis=0)
+    assert residuals.correlated_samples(alike, most) == pytest.approx(number, rel=0.05)
 
 
 @pytest.mark.parametrize("component", range(6))

@@ -1,12 +1,11 @@
 """Bases that move: carriers of payloads, with and without loops, and mechanisms free in a plane."""
 
-import mujoco
 import numpy as np
 import pytest
 import sagittal_walker
 import walker
 import wrist
-from looped import CRANK, GRIPPER_EQUALITY, GRIPPER_LINKS, ROCKER, body, closed, text
+from looped import CRANK, GRIPPER_EQUALITY, GRIPPER_LINKS, ROCKER, body, closed, read, text
 from mechanisms import by_joint, sines, unhat
 from scipy.spatial.transform import Rotation
 
@@ -17,11 +16,6 @@ from ident.errors import ModelError
 from ident.geometry.se3 import coAd, inverse, pose
 from ident.mechanism.mechanism import out_of_plane, plane_normal
 from ident.model.regressor import base_wrench_regressor
-
-
-def read(model, **options):
-    return sim.mechanism(mujoco.MjSpec.from_string(model), **options)
-
 
 ARM = read(wrist.model())
 TOOL = ARM.beyond("tool")

@@ -2,14 +2,12 @@
 
 import warnings
 
-import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, read, text
 from mechanisms import by_joint, sines
 
 import ident
-import sim
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
@@ -21,10 +19,6 @@ from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 WRENCH = [f"ground_{letter}{x}" for letter in "fm" for x in "xyz"]
-
-
-def read(model, **options):
-    return sim.mechanism(mujoco.MjSpec.from_string(model), **options)
 
 
 def four_bar(model=FOUR_BAR):

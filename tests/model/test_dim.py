@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist
+from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist, unhat
 from scipy.linalg import expm
 
 from ident.geometry import se3
@@ -41,6 +41,21 @@ def test_equation_7_is_the_exponential(rng):
     body = Body("a", BASE, random_pose(rng), random_twist(rng, "helical"))
     computed = dim.relative_pose(body, np.array([0.7]))
     np.testing.assert_allclose(computed, body.home @ expm(se3.hat(body.twist) * 0.7), atol=1e-13)
+
+
+def test_equation_9_is_the_derivative_of_the_motion_with_gravity_as_an_acceleration_of_the_base(tree, state):
+    _, V, dV = dim.forward_recursion(Mechanism(tree, GRAVITY), Motion(*state))
+
+    def moved(t):
+        return tree.poses(moved_states(tree, *state, t)[0])
+
+    def twists(t):
+        rates = slope(lambda h: moved(t + h), 1e-5)
+        return np.array([unhat(rate) for rate in se3.inverse(moved(t)) @ rates])
+
+    np.testing.assert_allclose(V, twists(0), atol=2e-7)
+    upward = np.pad(-GRAVITY @ moved(0)[:, :3, :3], [(0, 0), (0, 3)])
+    np.testing.assert_allclose(dV, slope(twists, 1e-4) + upward, atol=2e-4)
 
 
 def test_equation_10_gives_the_kinetic_energy_of_the_mass_points(rng):

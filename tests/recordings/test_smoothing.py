@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import ndimage, signal
+from slow_pendulum import rounded
 
 from ident import Recording
 from ident.recordings import faults
@@ -11,7 +12,6 @@ from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, qua
 from ident.recordings.times import Sampled
 
 T = np.arange(1200) / 100
-RNG = np.random.default_rng(0)
 
 
 def tones(t):
@@ -20,8 +20,8 @@ def tones(t):
 
 @pytest.mark.parametrize("shape", [(10,), (50, 3), (943, 2)])
 @pytest.mark.parametrize("cutoff", [0.1, 5.0, 45.0])
-def test_the_filter_is_scipys(shape, cutoff):
-    x = RNG.normal(size=shape).cumsum(axis=0)
+def test_the_filter_is_scipys(rng, shape, cutoff):
+    x = rng.normal(size=shape).cumsum(axis=0)
     padding = min(max(9, 2 * settling(100, cutoff)), len(x) - 1)
     expected = signal.sosfiltfilt(signal.butter(2, cutoff, output="sos", fs=100), x, axis=0, padlen=padding)
     np.testing.assert_allclose(low_pass(x, 100, cutoff), expected, atol=1e-10 * abs(x).max())
@@ -53,10 +53,10 @@ def test_runs_are_those_of_scipy(pattern):
 
 @pytest.mark.parametrize("size", [1, 4, 57])
 @pytest.mark.parametrize("width", [1, 2, 5, 11])
-def test_running_medians_are_those_of_scipy(size, width, monkeypatch):
+def test_running_medians_are_those_of_scipy(rng, size, width, monkeypatch):
     """Of several blocks of windows, the last of which is shorter."""
     monkeypatch.setattr(faults, "AT_ONCE", 7 * width)
-    x = RNG.normal(size=size)
+    x = rng.normal(size=size)
     expected, some = ndimage.median_filter(x, width, mode="nearest"), np.flatnonzero(x > 0)
     np.testing.assert_array_equal(running_median(x, width), expected)
     np.testing.assert_array_equal(running_median(x, width, some), expected[some])
@@ -85,10 +85,6 @@ def test_stretches_end_at_gaps_and_where_times_jump():
 TIME = T[:1000]
 SINE, SMOOTH = np.sin(2 * TIME), np.sin(2 * TIME) + 0.3 * np.sin(5.1 * TIME)
 NOISY = SMOOTH + 0.02 * np.random.default_rng(0).normal(size=1000)
-
-
-def rounded(x, step):
-    return step * np.round(x / step) if step else x
 
 
 @pytest.mark.parametrize("step", [0, 1e-3, 0.01])

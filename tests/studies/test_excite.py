@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import entries_of, refusal, rows_of
-from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, by_mujoco
+from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, by_mujoco, read
 from mechanisms import by_joint, sines
 
 import sim
@@ -212,10 +212,6 @@ def test_bad_limits_are_refused():
 LOOPED = ["--starts", "1", "--iterations", "2", "--seconds", "3", "--harmonics", "3", "--position", "-1", "1"]
 SPHERE = '<geom size=".01" pos="0 0 .05" mass=".08"/>'
 MOTOR = '<actuator><motor joint="crank"/></actuator>'
-
-
-def read(text):
-    return sim.mechanism(mujoco.MjSpec.from_string(text))
 
 
 @pytest.mark.usefixtures("undrawn")
