@@ -27,6 +27,7 @@ from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
+from ident.trajectory.fit.noise_colours import ENOUGH
 from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
@@ -454,7 +455,8 @@ class Stages:
         Args:
             estimate: The estimate.
             settled: Tolerance with which fits end.
-            shares: True for the shares of the pieces, which fits have anyway where drives may be at their bound.
+            shares: True for the shares of the pieces, which fits have anyway if they are long or drives may be at their
+                bound.
         """
         return self._refit(estimate.fit.pieces, estimate.fit.selections, estimate, settled, shares)
 
@@ -484,10 +486,12 @@ class Stages:
             report=self.report,
         )
         drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
+        # Of a long recording a covariance has the responses of some pieces only, and would compute those of the others.
+        is_long = sum(len(piece.when) for piece in pieces) > ENOUGH
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             bounded = drives | (self._is_drive & free)
-            asked = shares or (estimate is not None and bool(bounded.any()))
+            asked = shares or (estimate is not None and bool(bounded.any() or is_long))
             return with_positive(partial(solve, shares=asked), bounded, begin, free, rounds)
 
         return refit
