@@ -92,7 +92,8 @@ def checked_deviations(
         if name not in names:
             raise error(f"{where} has no entry '{short(name)}'; valid are {', '.join(names)}.")
         if value is not False and not (is_number(value) and 0 <= value < HUGE):
-            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {short(value)}.")
+            limit = f"; numbers have to be below {HUGE:g}" if is_number(value) and value >= HUGE else ""
+            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {short(value)}{limit}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 

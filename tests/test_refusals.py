@@ -366,6 +366,7 @@ WRONG_ARGUMENTS = [
     *(({"known": known}, f"^known.?{message}") for known, message in WRONG_DEVIATIONS),
     ({"setup": {"late": 0.1}}, "^setup has no entry 'late'; valid are delay, lag, clock, origin"),
     ({"setup": {"delay": -1}}, f"^setup.delay {DEVIATION} "),
+    ({"setup": {"centre": 1e9}}, rf"^setup.centre {DEVIATION} .*; numbers have to be below 1e\+08\.$"),
     ({"setup": "delay"}, f"^setup {NAMED}"),
     *(({"holdout": x}, "^holdout needs a fraction") for x in (-0.1, 1, NAN, "0.4", True)),
     ({"drive": ["coulomb", "stiction"]}, "^drive needs a list out of rotor, .*; got stiction"),

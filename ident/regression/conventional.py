@@ -274,11 +274,11 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
         pull: Contribution of each residual to the normal equations (N, C).
         held: Root of its derivative by the residual (N, C), zero beyond Huber's limit.
     """
-    bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
+    huber = solve(accumulate(fit.equations, samples, factors=held), fit.equations)
     channels = len(fit.equations.channels)
     sandwich = Sandwich(len(fit.values), channels)
     sandwich.add_steady(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
-    return bread @ sandwich.middle @ bread
+    return huber.sandwich(sandwich.middle)
 
 
 def spread(residual: np.ndarray) -> np.ndarray:

@@ -88,11 +88,16 @@ class Fit:
         numbers = zip(self.values[last].tolist(), self.std[last].tolist(), strict=True)
         return dict(zip(channels, numbers, strict=True))
 
-    @property
-    def bread(self) -> np.ndarray:
-        """`(Yᵀ Y)⁻¹`, the outer factors of a sandwich covariance (m, m)."""
+    def sandwich(self, middle: np.ndarray) -> np.ndarray:
+        """Covariance `(Yᵀ Y)⁻¹ M (Yᵀ Y)⁻¹`, symmetric to the last digit also where columns are nearly dependent (m, m).
+
+        Args:
+            middle: Covariance M of `Yᵀ` times the noise (m, m).
+        """
         inverse = np.linalg.inv(self.root)
-        return inverse @ inverse.T
+        values, vectors = np.linalg.eigh(inverse.T @ middle @ inverse)
+        half = inverse @ vectors * np.sqrt(np.maximum(values, 0))
+        return half @ half.T
 
     @property
     def singular_values(self) -> np.ndarray:
@@ -289,5 +294,4 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
             sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
-    bread = fit.bread
-    return replace(fit, covariance=bread @ sandwich.middle @ bread, noise="correlated over time or not")
+    return replace(fit, covariance=fit.sandwich(sandwich.middle), noise="correlated over time or not")
