@@ -1,4 +1,4 @@
-"""What commands and calls leave: refusals of bad input, tables and entries of their files."""
+"""Refusals of bad input by commands and calls, and tables and entries of the files that they write."""
 
 import csv
 import json

@@ -67,7 +67,7 @@ def with_theta(estimate, theta):
 
 
 def columns_of(load, body):
-    """What the base parameters are for the φ of a body (r, 10)."""
+    """Coefficients of a body's φ in the base parameters (r, 10)."""
     at = 10 * load.robot.bodies.index(body)
     return load.without.base.regroup(np.eye(10 * len(load.robot.bodies))[at : at + 10]).T
 

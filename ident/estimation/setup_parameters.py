@@ -140,11 +140,15 @@ def setup_parameters(
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
-        if row.of == group
-        and (own := subject.constant or given.get(f"{kind}({subject.name})", given.get(kind, subject.std or row.std)))
-        > 0
+        if row.of == group and (own := _deviation(kind, subject, given)) > 0
         for axis in subject.axes
     )
+
+
+def _deviation(kind: str, subject: Subject, given: Mapping[str, float]) -> float:
+    """Standard deviation of an error: its own if it is a constant, as stated of it or of its kind, or the usual one."""
+    usual = given.get(kind, subject.std or SETUP[kind].std)
+    return subject.constant or given.get(f"{kind}({subject.name})", usual)
 
 
 def objects(
