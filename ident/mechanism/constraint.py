@@ -140,5 +140,5 @@ def members_of(tree: "Tree", rows: Collection[Constraint]) -> set[int]:
     for each in rows:
         ends = [tree.names.index(name) if name in tree.names else BASE for name in each.bodies]
         members |= set(tree.chain(ends[0])) ^ set(tree.chain(ends[1])) if isinstance(each, Coincidence) else set(ends)
-    leads = {lead.joint for i in members if (lead := tree.bodies[i].follows)}
+    leads = {tree.followers[i].joint for i in members if i in tree.followers}
     return members | {i for i, body in enumerate(tree.bodies) if body.joint in leads}

@@ -156,10 +156,7 @@ class Constraints:
 
         Its part are the bodies through which the loops go, all other bodies at rest.
         """
-        members = sorted(members_of(tree, self.rows))
-        places = {i: k for k, i in enumerate(members)}
-        own = ((tree.bodies[i], places.get(tree.bodies[i].parent, BASE)) for i in members)
-        part = type(tree)(tuple(replace(body, parent=parent) for body, parent in own))
+        part = type(tree)(tree.part(sorted(members_of(tree, self.rows))))
         q = np.concatenate([np.zeros(0), *(self.posture[joint] for joint in part.joints)])[None]
         return Closure(part, self.rows, dependent, q)
 

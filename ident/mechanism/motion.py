@@ -10,7 +10,7 @@ from ident.annotations import as_array, typed
 from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.se3 import Ad, ad, applied, inverse
-from ident.mechanism.body import BASE, is_rigid
+from ident.mechanism.body import is_rigid
 from ident.mechanism.constraint import Constraint, members_of
 from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
@@ -151,10 +151,6 @@ def joined(parts: Sequence[Motion]) -> Motion:
     return Motion(q, dq, ddq, base)
 
 
-UNBOUND = Constraints()
-"""Constraints of a tree without any."""
-
-
 @dataclass(frozen=True, eq=False)
 class Carrier:
     """A chain of bodies on a base at rest; its last body is the base of the carried mechanism.
@@ -207,13 +203,13 @@ class Carrier:
         return BaseMotion(T, V, dV)
 
 
-def divided(tree: Tree, name: str, constraints: Constraints = UNBOUND) -> tuple[Carrier, Tree, tuple[int, ...]]:
+def divided(tree: Tree, name: str, constraints: Constraints) -> tuple[Carrier, Tree, tuple[int, ...]]:
     """Splits a tree before one of its bodies.
 
     Args:
         tree: The tree.
         name: The body.
-        constraints: Constraints of the tree, by default none.
+        constraints: Constraints of the tree.
 
     Returns:
         The carrier of the body; the tree of the body, whose frame is {0}, and of all bodies on it; and their indices in
@@ -231,12 +227,7 @@ def divided(tree: Tree, name: str, constraints: Constraints = UNBOUND) -> tuple[
     for _ in rows:
         own = [row for row in rows if members_of(tree, [row]) & chain]
         chain = chain.union(*(tree.chain(i) for i in members_of(tree, own)))
-    order = [*sorted(chain - {last}), last]
-    parents = {k: place for place, k in enumerate(order)} | {BASE: BASE}
-    bodies = tuple(replace(tree.bodies[k], parent=parents[tree.bodies[k].parent]) for k in order)
-    carrier = Carrier(Tree(bodies), replace(constraints, rows=tuple(own)))
+    before = Tree(tree.part([*sorted(chain - {last}), last]))
     if not any(tree.bodies[i].coordinates for i in tree.chain(last)):
         raise InputError(f"No joint moves '{name}', so that its weight cannot be separated from its sensor's offset.")
-    root = replace(tree.bodies[carried[0]], parent=BASE, home=np.eye(4), twist=np.zeros(6), joint="")
-    on_it = [replace(tree.bodies[k], parent=carried.index(tree.bodies[k].parent)) for k in carried[1:]]
-    return carrier, Tree((root, *on_it)), carried
+    return Carrier(before, replace(constraints, rows=tuple(own))), tree.beyond(last), carried

@@ -12,7 +12,7 @@ from ident.annotations import typed
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
-from ident.mechanism.body import BASE, Body
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.closure import Closure
 from ident.tolerances import HUGE
 
@@ -55,11 +55,11 @@ class Tree:
             raise ModelError(f"This needs all joints, but loops make '{loose[0]}' dependent. Log its position.")
         single = {body.joint for body in self.bodies if body.coordinates == 1}
         single |= {body.depends for body in self.bodies if body.depends}
-        for body in self.bodies:
-            if body.follows and body.follows.joint not in single:
+        for i, lead in self.followers.items():
+            if lead.joint not in single:
                 raise ModelError(
-                    f"Body '{body.name}' follows '{body.follows.joint}', which is no joint with one coordinate; those "
-                    f"are {', '.join(sorted(single)) or 'none'}."
+                    f"Body '{self.names[i]}' follows '{lead.joint}', which is no joint with one coordinate of its "
+                    f"tree; those are {', '.join(sorted(single)) or 'none'}."
                 )
 
     @classmethod
@@ -125,9 +125,9 @@ class Tree:
         return {name: body.name for body in self.bodies for name in body.freedom_names}
 
     @cached_property
-    def followers(self) -> tuple[int, ...]:
-        """Indices of the bodies whose joint follows another one."""
-        return tuple(i for i, body in enumerate(self.bodies) if body.follows)
+    def followers(self) -> dict[int, Follower]:
+        """Functions of the bodies whose joint follows another one, by index."""
+        return {i: body.follows for i, body in enumerate(self.bodies) if body.follows}
 
     @property
     def dependent(self) -> tuple[str, ...]:
@@ -185,7 +185,7 @@ class Tree:
         out = dict[str, tuple[int, ...]]()
         for own in (each for first, each in members.items() if set(self.carried(first)) & {*self.inertial}):
             names = [self.bodies[i].joint for i in own]
-            leaders = [lead.joint for i in own if (lead := self.bodies[i].follows)]
+            leaders = [self.followers[i].joint for i in own if i in self.followers]
             if name := next(filter(None, [*names, *leaders]), ""):
                 out.setdefault(name, tuple(own))
         return out
@@ -194,6 +194,16 @@ class Tree:
         """Index of the first of the massless links that precede body i; that of the body itself without any."""
         parent = self.bodies[i].parent
         return self.first_link(parent) if parent != BASE and self.bodies[parent].massless else i
+
+    def part(self, members: Sequence[int]) -> tuple[Body, ...]:
+        """Some of the bodies, in the given order, on the base where their parents are none of them."""
+        places = {i: k for k, i in enumerate(members)}
+        return tuple(replace(self.bodies[i], parent=places.get(self.bodies[i].parent, BASE)) for i in members)
+
+    def beyond(self, i: int) -> "Tree":
+        """The tree of body i, whose frame is {0}, and of all bodies on it."""
+        root, *others = self.part(self.carried(i))
+        return Tree((replace(root, home=np.eye(4), twist=np.zeros(6), joint="", follows=None), *others))
 
     def closed(self, closure: Closure) -> "Tree":
         """The tree with the joints dependent that loops determine; they lose their names."""
@@ -266,9 +276,8 @@ class Tree:
                     needed = f"{body.coordinates} coordinates below {HUGE:g}"
                     raise InputError(f"Joint '{body.joint}' is fixed at {needed}, got {q.tolist()}.")
                 bodies[i] = _welded(body, q)
-        for i in self.followers:
-            lead = bodies[i].follows
-            if lead and lead.joint in coordinates:
+        for i, lead in self.followers.items():
+            if lead.joint in coordinates:
                 bodies[i] = _welded(bodies[i], lead.value(np.asarray(coordinates[lead.joint], float)))
         return Tree(tuple(bodies))
 
@@ -329,9 +338,8 @@ class Tree:
         leaders = {joint: tuple(x[..., k : k + 1] for x in of_loops) for k, joint in enumerate(self.dependent)}
         dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
         leaders |= {self.bodies[i].joint: dealt[i] for i in self.moving}
-        for i in self.followers:
-            lead = self.bodies[i].follows
-            dealt[i] = lead.states(*leaders[lead.joint]) if lead else dealt[i]
+        for i, lead in self.followers.items():
+            dealt[i] = lead.states(*leaders[lead.joint])
         return dealt
 
     def joint_sums(self, q: np.ndarray, felt: Sequence[np.ndarray]) -> np.ndarray:
@@ -349,10 +357,9 @@ class Tree:
         own = list(felt)
         places = {body.joint or body.depends: i for i, body in enumerate(self.bodies) if self.followers or self.closure}
         states = self.body_states(q) if self.followers else []
-        for i in self.followers:
-            if (lead := self.bodies[i].follows) is not None:
-                k = places[lead.joint]
-                own[k] = own[k] + lead.slope(states[k][0]) * felt[i]
+        for i, lead in self.followers.items():
+            k = places[lead.joint]
+            own[k] = own[k] + lead.slope(states[k][0]) * felt[i]
         felt = [x for x, body in zip(own, self.bodies, strict=True) if not body.follows and not body.depends]
         if not self.closure:
             return np.concatenate(felt)

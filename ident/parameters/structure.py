@@ -318,14 +318,13 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
 def _motion(rng: np.random.Generator, tree: Tree, samples: int, sensors: Sensors) -> Motion:
     """A random state of joints and base for each sample."""
     moves = not sensors.still
-    leads = [body.follows for body in tree.bodies if body.follows]
     q, in_loops = [np.zeros((samples, 0))], tree.closure.drawn(rng, samples) if tree.closure else {}
     for i in tree.moving:
         body = tree.bodies[i]
         if body.joint in in_loops:
             q.append(in_loops[body.joint])
             continue
-        spans = [lead.span for lead in leads if lead.joint == body.joint]
+        spans = [lead.span for lead in tree.followers.values() if lead.joint == body.joint]
         low, high = max((low for low, _ in spans), default=-np.pi), min((high for _, high in spans), default=np.pi)
         size = (samples, body.coordinates)
         q.append(rng.normal(size=size) if body.is_ball else rng.uniform(min(low, high), max(low, high), size))

@@ -2,7 +2,7 @@
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from math import isfinite
 from pathlib import Path
@@ -42,23 +42,25 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     Raises:
         ModelError: One names no joint with one coordinate, itself, or another mimic joint, or a number is not finite.
     """
-    mimics, joints = Mimics(), root.findall("joint")
-    single = [joint.get("name", "") for joint in joints if joint.get("type") in SINGLE]
-    names, astray = {joint.get("name", "") for joint in joints}, dict[str, str]()
+    mimics, joints, astray = Mimics(), root.findall("joint"), dict[str, str]()
+    names, single = {joint.get("name", "") for joint in joints}, [x for x in joints if x.get("type") in SINGLE]
+    free = (x for x in single if not {each.get("joint") for each in x.findall("mimic")} & names)
+    leading = [joint.get("name", "") for joint in free]
     for joint in joints:
         name, own = joint.get("name", ""), joint.findall("mimic")
         for element in own:
             joint.remove(element)
         leads = [element.get("joint", "") for element in own]
-        if not own or name not in single:
+        if not own or joint not in single:
             continue
         if len(own) == 1 and leads[0] and leads[0] not in names:
             astray[name] = leads[0]
             continue
-        if len(own) > 1 or leads[0] == name or leads[0] not in single:
+        if len(own) > 1 or leads[0] not in leading:
             raise ModelError(
-                f"{path}: joint '{name}' has to mimic one other joint out of "
-                f"{', '.join(each for each in single if each != name) or 'none'}, not {' and '.join(map(repr, leads))}."
+                f"{path}: joint '{name}' has to mimic one joint that moves by itself, out of "
+                f"{', '.join(each for each in leading if each != name) or 'none'}, "
+                f"not {' and '.join(map(repr, leads))}."
             )
         multiplier, offset = (
             _finite(own[0].get(key) or usual, f"{path}: the mimic of joint '{name}' needs a finite {key}")
@@ -68,9 +70,6 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     if astray:
         each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
         note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
-    for name in mimics:
-        if mimics[name][0] in mimics:
-            raise ModelError(f"{path}: {_chained(mimics, name)}")
     return mimics
 
 
@@ -83,19 +82,6 @@ def _finite(stated: str, needed: str, *, zero: bool = True) -> float:
     if not isfinite(value) or not (value or zero):
         raise ModelError(f"{needed}, got '{stated}'.")
     return value
-
-
-def _chained(mimics: Mapping[str, tuple[str, float, float]], name: str) -> str:
-    """Sentence on a mimic of a mimic, with what to write in its place."""
-    first, gain, shift = mimics[name]
-    lead = first
-    for _ in mimics:
-        lead, own, offset = mimics[lead]
-        gain, shift = gain * own, gain * offset + shift
-        if lead not in mimics:
-            write = f'<mimic joint="{lead}" multiplier="{gain:.6g}" offset="{shift:.6g}"/>'
-            return f"joint '{name}' mimics '{first}', which mimics another joint itself; write {write}."
-    return f"joint '{name}' mimics '{first}', which follows from '{name}' in turn; leave one <mimic> out."
 
 
 def transmissions(path: str | Path) -> dict[str, tuple[Actuator, ...]]:

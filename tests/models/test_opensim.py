@@ -123,7 +123,7 @@ def test_a_base_carries_its_part_of_the_model(stated):
     expected = np.linalg.inv(poses[whole.tree.names.index("thigh")]) @ poses[whole.tree.names.index("toes")]
     np.testing.assert_allclose(own[leg.tree.names.index("toes")], expected, atol=1e-12)
     led = sentence_of(stated, text.replace("name>beta_0", "name>ankle_0"), base="shank")
-    assert "model.osim" in led and "follows 'bend', which is not on it" in led
+    assert "model.osim" in led and "follows 'bend', which is no joint with one coordinate of its tree" in led
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class Skeleton:
 
     def limits(self, name: str) -> tuple[float, float] | None:
         """Range of a coordinate, limited to the tables of its followers; None if unlimited."""
-        spans = [body.follows.span for body in self.tree.bodies if body.follows and body.follows.joint == name]
+        spans = [lead.span for lead in self.tree.followers.values() if lead.joint == name]
         own = self.coordinates[name].range
         spans += [own] if own else []
         return (max(low for low, _ in spans), min(high for _, high in spans)) if spans else None
@@ -86,19 +86,7 @@ class Skeleton:
 
     def carried(self, base: str) -> Tree:
         """Tree of a body and all its descendants, with the body's frame as {0}."""
-        root, *_ = self._below(base)
-        members = self.tree.carried(root)
-        place = {i: k for k, i in enumerate(members)}
-        inside = {self.tree.bodies[i].joint for i in members[1:]}
-        bodies = [Body(base, BASE, np.eye(4), np.zeros(6))]
-        for i in members[1:]:
-            body = self.tree.bodies[i]
-            if body.follows and body.follows.joint not in inside:
-                raise ModelError(
-                    f"On the base '{base}' the body '{body.name}' follows '{body.follows.joint}', which is not on it."
-                )
-            bodies.append(replace(body, parent=place[body.parent]))
-        return Tree(tuple(bodies))
+        return self.tree.beyond(self._below(base)[0])
 
     def _below(self, base: str) -> list[int]:
         """Indices of a body, its parent, and so on to the ground."""
