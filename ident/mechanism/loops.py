@@ -43,12 +43,12 @@ class Constraints:
         Of the latter, balls and joints that the model makes polynomials of others are first.
 
         Args:
-            tree: The tree, without a closure.
+            tree: The tree; of one with a closure, the joints that this made dependent are returned.
             lacking: Names of the joints whose positions are not measured.
             driven: Names of the joints with a torque or a command.
         """
-        if not self.rows:
-            return ()
+        if tree.closure or not self.rows:
+            return tree.dependent
         J, owners = self._columns(tree)
         joints = dict.fromkeys(owners.tolist())
         first = {*self.followers(tree), *(body.joint for body in tree.bodies if body.is_ball)}
@@ -70,9 +70,9 @@ class Constraints:
 
         Arguments and errors are as for `dependent` and `closed`.
         """
-        names = () if tree.closure else self.dependent(tree, lacking, driven)
+        names = self.dependent(tree, lacking, driven)
         needed = {*names} & {*lacking} or (names and {*driven} & {*self.coupled(tree)})
-        return self.closed(tree, names) if needed else tree
+        return self.closed(tree, names) if needed and not tree.closure else tree
 
     def closed(self, tree: "Tree", dependent: tuple[str, ...]) -> "Tree":
         """The tree with loops closed in the model's posture, those joints dependent.

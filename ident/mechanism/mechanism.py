@@ -87,7 +87,7 @@ class Mechanism(Brief):
 
     @property
     def _in_short(self) -> dict[str, object]:
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, self.driven)
+        depending = self.constraints.dependent(self.tree, self.mimics, self.driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),

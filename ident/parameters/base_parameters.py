@@ -17,6 +17,7 @@ from ident.mechanism.loops import alignments
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
+from ident.parameters.independent_columns import UnitColumns, unit_columns
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -165,7 +166,7 @@ def find_base_parameters(
         if not isinstance(own, Collection | None) or not all(isinstance(name, str) for name in own or ()):
             raise InputError(f"{where} needs a list of names of parameters, got {described(given)}.")
     if isinstance(source, np.ndarray):
-        return _of_regressor(source, 1.0, _names(parameters, source.shape[-1]), kept)
+        return _of_columns(unit_columns(source), 1.0, _names(parameters, source.shape[-1]), kept)
     mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source
     check_type("source", mechanism, Mechanism, WORDS["Mechanism"])
     return _of_structure(mechanism, sensors, _names(parameters, 10 * len(mechanism.bodies)), kept)
@@ -187,18 +188,14 @@ def _of_structure(
     rows = structure.matrix
     if not rows.any():
         raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
-    return _of_regressor(rows, units, names, kept)
+    return _of_columns(unit_columns(rows), units, names, kept)
 
 
-def _of_regressor(
-    Y: np.ndarray, units: np.ndarray | float, names: tuple[str, ...], kept: Sequence[str] | None
+def _of_columns(
+    columns: UnitColumns, units: np.ndarray | float, names: tuple[str, ...], kept: Sequence[str] | None
 ) -> BaseParameters:
-    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,)."""
-    columns = Y.reshape(-1, Y.shape[-1])
-    if not np.isfinite(columns).all() or not columns.any():
-        raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
-    unit, norms = independent_columns.unit_columns(columns)
-    s = np.linalg.svd(unit, compute_uv=False)
+    """Regrouping of a regressor's columns, whose parameters are in the given units (P,)."""
+    unit, norms, s = columns
     rank = independent_columns.numerical_rank(s)
     gap = float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0
     chosen, passed = independent_columns.first_independent(unit, rank, gap[1])
@@ -222,29 +219,34 @@ def _of_samples(
 ) -> BaseParameters:
     """Regrouping of a mechanism with followers or loops, in which axes are parallel that have to be."""
     needed, every = alignments(mechanism.tree)
-    Y, base = sampled_structure(mechanism, sensors), None
+
+    def rows(tree: Tree) -> np.ndarray:
+        return sampled_structure(replace(mechanism, tree=tree), sensors)
+
+    Y, base = rows(mechanism.tree), None
+    columns = unit_columns(Y)
     if needed.angles:
-        aligned = sampled_structure(replace(mechanism, tree=needed.tree), sensors)
-        parallel = _of_regressor(aligned, 1.0, names, kept)
-        unit, _ = independent_columns.unit_columns(Y.reshape(-1, Y.shape[-1]))
-        s = np.linalg.svd(unit, compute_uv=False)
-        rank = independent_columns.numerical_rank(s, independent_columns.NEGLIGIBLE)
-        if more := _independent_beyond(parallel, Y, rank):
+        aligned = rows(needed.tree)
+        parallel = _of_columns(unit_columns(aligned), 1.0, names, kept)
+        rank = independent_columns.numerical_rank(columns.singular_values, independent_columns.NEGLIGIBLE)
+        if more := _independent_beyond(parallel, Y, rank, parallel.dependent):
             Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
-    base = base or _of_regressor(Y, 1.0, names, kept)
+    base = base or _of_columns(columns, 1.0, names, kept)
     if every.angles != needed.angles:
-        parallel = _of_regressor(sampled_structure(replace(mechanism, tree=every.tree), sensors), 1.0, names, None)
-        if more := _independent_beyond(parallel, Y, base.rank):
+        parallel = _of_columns(unit_columns(rows(every.tree)), 1.0, names, None)
+        if more := _independent_beyond(parallel, Y, base.rank, base.kept):
             skew = {joint: angle for joint, angle in every.angles.items() if joint not in base.angles}
             base = replace(base, skew=skew, by_angles=more)
     return base
 
 
-def _independent_beyond(base: BaseParameters, Y: np.ndarray, rank: int) -> tuple[str, ...]:
-    """Names of columns that make up a regressor's (…, P) rank beyond that of base parameters."""
-    left = Y[..., list(base.dependent)] - base.reduce(Y) @ base.beta
+def _independent_beyond(base: BaseParameters, Y: np.ndarray, rank: int, among: Sequence[int]) -> tuple[str, ...]:
+    """Names of columns, among some, that make up a regressor's (…, P) rank beyond that of base parameters."""
+    chosen = np.isin(base.dependent, among)
+    others = np.array(base.dependent)[chosen]
+    left = Y[..., others] - base.reduce(Y) @ base.beta[:, chosen]
     order = linalg.qr(left.reshape(-1, left.shape[-1]), mode="r", pivoting=True)[1]
-    return tuple(base.parameters[base.dependent[k]] for k in sorted(order[: max(rank - base.rank, 0)]))
+    return tuple(base.parameters[others[k]] for k in sorted(order[: max(rank - base.rank, 0)]))
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:

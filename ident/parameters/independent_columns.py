@@ -1,6 +1,7 @@
 """Independent columns of a regressor, from left to right, and coefficients of the others; exact or within rounding."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -27,14 +28,36 @@ WRONG = 1e-9
 """Error of a regrouping, relative to the largest column, above which it is refused."""
 
 
-def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of unit length (or zero), with rows rotated into at most P, and their original norms (P,)."""
+class UnitColumns(NamedTuple):
+    """Columns of a regressor of unit length (or zero), with rows rotated into at most P.
+
+    Attributes:
+        unit: The columns (…, P).
+        norms: Their original norms (P,).
+        singular_values: Singular values of the unit columns.
+    """
+
+    unit: np.ndarray
+    norms: np.ndarray
+    singular_values: np.ndarray
+
+
+def unit_columns(Y: np.ndarray) -> UnitColumns:
+    """Unit columns of a regressor (…, P).
+
+    Raises:
+        InputError: It is not finite, or all zero.
+    """
+    columns = Y.reshape(-1, Y.shape[-1])
+    if not np.isfinite(columns).all() or not columns.any():
+        raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     # The rotation of the rows by the QR decomposition preserves dependencies between columns.
     triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
     norms = np.linalg.norm(triangle, axis=0)
     # Small columns stay small: scaled to unit length their rounding errors would add to the rank.
     bounded = np.maximum(norms, SMALL_COLUMN * norms.max())
-    return np.where(norms > ZERO_COLUMN * norms.max(), triangle / bounded, 0), bounded
+    unit = np.where(norms > ZERO_COLUMN * norms.max(), triangle / bounded, 0)
+    return UnitColumns(unit, bounded, np.linalg.svd(unit, compute_uv=False))
 
 
 def numerical_rank(singular_values: np.ndarray, rounding: float = DEPENDENT) -> int:

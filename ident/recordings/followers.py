@@ -35,7 +35,8 @@ MOTION = ("position", "velocity", "acceleration")
 def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnMapping:
     """The mapping without the columns of followers, whose torques add to their leaders'.
 
-    Of joints that share a column of positions, the first that has a torque or a command leads.
+    A joint that has a torque and is a curve of another one does not follow, but depends on it as in a loop. Of joints
+    that share a column of positions, the first that has a torque or a command leads.
 
     Args:
         mapping: The complete mapping, with the model's couplings as its followers.
@@ -46,7 +47,11 @@ def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnM
     """
     columns = dict(mapping.columns)
     check_no_column_twice({key: used for key, used in columns.items() if key.rpartition(".")[2] not in MOTION})
-    followers = {joint: lead for joint, lead in mapping.followers.items() if not _position(columns, joint).read}
+    followers = {
+        joint: lead
+        for joint, lead in mapping.followers.items()
+        if not (_position(columns, joint).read or (len(lead.coefficients) > 2 and _of(columns, joint, "torque").read))
+    }
     followers |= _sharing(columns, {joint: kind for joint, kind in joints.items() if kind != "ball"})
     for joint, lead in followers.items():
         if joint in mapping.servos or joint in mapping.scales or _of(columns, joint, "command").read:
@@ -85,16 +90,17 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Re
         ModelError: As for `Mechanism.closed` and `Closure.along`.
         LogError: A dependent joint has a torque or a command.
     """
-    mechanism = mechanism.following(recording.followers)
-    before, measured = mechanism.tree.joints, recording.measured
+    before, measured, followers = mechanism.tree.joints, recording.measured, recording.followers
     driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
-    mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
-    closure, both = mechanism.tree.closure, sorted({*driven} & {*mechanism.tree.dependent})
+    lacking = [joint for joint in before if f"{joint}_position" not in measured]
+    mechanism = mechanism.following(followers).closed(lacking, driven)
+    closure, both = mechanism.tree.closure, sorted({*driven} & {*mechanism.tree.dependent, *followers})
     if closure and not closure.independent and (both or not mechanism.tree.joints):
         raise closure.rigid()
-    if closure and both:
+    if both:
+        leads = closure.independent if closure else [followers[both[0]].joint]
         raise LogError(
-            f"Loops make '{both[0]}' depend on {', '.join(closure.independent)}: its torque or command cannot be used. "
+            f"Loops make '{both[0]}' depend on {', '.join(leads)}: its torque or command cannot be used. "
             "Log its position in place of theirs, or take it out of the log or the mapping."
         )
     tree, recording, notes = _along(mechanism.tree, recording)

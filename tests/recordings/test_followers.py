@@ -1,5 +1,7 @@
 """Joints that share a column, or that the model couples and the log lacks, follow another one exactly."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -113,6 +115,17 @@ def test_a_joint_that_the_model_couples_needs_no_column(ref):
     Y = ident.joint_torque_regressor(mech.tree, *np.stack([lift, left], axis=2), gravity=mech.gravity)
     expected = generalized(xml(ref=ref), log.followers, *states)
     np.testing.assert_allclose(Y[..., : len(mech.known)] @ mech.known, expected, atol=1e-10)
+
+
+def test_a_torque_of_a_joint_that_follows_by_a_curve_is_refused():
+    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP, "tip_torque": ANGLE}
+    curve = arm(coupled("tip", "left", "0.1 -2 0.7 0 0", "bend"))
+    message = "Loops make 'tip' depend on left: its torque or command cannot be used"
+    with pytest.raises(LogError, match=message):
+        prepared(curve, read_log(columns, curve), filters=False)
+    followed = read_log({name: x for name, x in columns.items() if name != "tip_torque"}, curve)
+    with pytest.raises(LogError, match=message):
+        prepared(curve, replace(followed, measured={**followed.measured, "tip_torque": ANGLE}), filters=False)
 
 
 def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
