@@ -203,10 +203,7 @@ def prepare(
         note = f"The model's {bodies} are taken from the table '{person.table}', of {whose}."
         log = replace(log, notes=(*log.notes, note))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
-    tree = ready.mechanism.tree
-    moved = [tree.bodies[i] for i in tree.moving]
-    owners = [body.joint for body in moved for _ in range(body.freedoms)]
-    felt = [owners[k] for k in ready.equations.torques]
+    felt = ready.mechanism.tree.owners("freedoms")[list(ready.equations.torques)].tolist()
     if isinstance(arm.source, Origin):
         members = mechanism_bodies(arm.source.model, base)
         check_torques(arm.source.model, members, model.get("ignore", ()), felt)

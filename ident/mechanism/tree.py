@@ -226,15 +226,12 @@ class Tree:
 
     @cached_property
     def _of_loops(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the loops' independent joints, in the loops' order, among the coordinates and the velocities."""
+        """Indices of the loops' independent joints among the coordinates and the velocities."""
         if self.closure and not self.size:
             raise self.closure.rigid()
         independent = self.closure.independent if self.closure else ()
-        owners = [self.owners(what) for what in ("coordinates", "freedoms")]
-        first, second = (
-            np.array([k for joint in independent for k in np.flatnonzero(own == joint)], int) for own in owners
-        )
-        return first, second
+        first, second = (np.isin(self.owners(what), independent) for what in ("coordinates", "freedoms"))
+        return np.flatnonzero(first), np.flatnonzero(second)
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""

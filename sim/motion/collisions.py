@@ -45,7 +45,7 @@ class Collisions:
     def __init__(
         self,
         model: mujoco.MjModel,
-        moving: Tree | Sequence[str],
+        tree: Tree,
         clearance: float,
         still: Mapping[str, Sequence[float]] | None = None,
         floor: float | None = None,
@@ -54,7 +54,7 @@ class Collisions:
 
         Args:
             model: The model; other joints stay in its reference configuration, but for those of `still`.
-            moving: The tree of hinges and slides whose coordinates are q, with its loops, or names of joints.
+            tree: The tree of hinges and slides whose coordinates are q, with its loops.
             clearance: Distance below which geoms count as touching, m.
             still: Coordinates of some other joints.
             floor: Height in the world's frame of a plane that no moving body may touch, m; None for none.
@@ -62,15 +62,13 @@ class Collisions:
         Raises:
             ModelError: A joint does not exist, or a ball joint depends on others.
         """
-        self._tree = moving if isinstance(moving, Tree) and moving.closure else None
-        joints = (*moving.joints, *moving.dependent) if isinstance(moving, Tree) else moving
-        dependent = {*self._tree.dependent} if self._tree else set[str]()
-        if balls := dependent - {joint_name(model, j) for j in range(model.njnt)}:
+        self._tree = tree
+        if balls := {*tree.dependent} - {joint_name(model, j) for j in range(model.njnt)}:
             raise ModelError(
                 f"Collisions of bodies on ball joints that loops move, as '{min(balls)[:-2]}', are not computed. "
                 "Design the motion with --collisions ignore."
             )
-        ids = [id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
+        ids = [id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in (*tree.joints, *tree.dependent)]
         self._model = copy.deepcopy(model)
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._data = mujoco.MjData(self._model)
@@ -104,7 +102,7 @@ class Collisions:
 
     def _whole(self, q: np.ndarray) -> np.ndarray:
         """Positions with those of dependent joints (N, n + d)."""
-        return q if self._tree is None else np.hstack([q, *self._tree.dependent_states(q)])
+        return np.hstack([q, *self._tree.dependent_states(q)])
 
     def barrier_and_slope(self, q: np.ndarray, near: float, far: float) -> tuple[float, np.ndarray]:
         """Barrier `Σ (far - d)²/((d - near) far)` over distances d between geoms, and its derivatives.
@@ -136,8 +134,6 @@ class Collisions:
                 mujoco.mj_jac(self._model, self._data, first, None, place, a)
                 mujoco.mj_jac(self._model, self._data, second, None, place, b)
                 slope[sample] += factor * (normal @ (second - first))[self._freedoms]
-        if self._tree is None:
-            return barrier, slope
         own, of_loops = np.split(slope, [q.shape[1]], axis=1)
         return barrier, own + np.einsum("nd,ndk->nk", of_loops, self._tree.slopes(q))
 

@@ -24,7 +24,6 @@ from sim.motion.excitation_design import FourierTrajectory, Limits, _Search, des
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 TIME = np.arange(943) / 100
 LIMITS = Limits([-1.0, -2.0], [1.5, 0.0], [1.0, 3.0], [2.0, 8.0])
-JOINTS = ("lift", "fold")
 QUICK = ["--starts", "1", "--iterations", "5", "--formats", "png"]
 
 FOLDING = """
@@ -42,6 +41,7 @@ FOLDING = """
 
 MODEL = mujoco.MjModel.from_xml_string(FOLDING)
 PROBLEM = excitation_problem.problem(mechanism(MODEL, "column"), None, sensors="wrench", noise=(0.5, 0.05))
+TREE, LAST = PROBLEM.mechanism.tree, PROBLEM.mechanism.fixed({"lift": [0.0]}).tree
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_the_gradient_of_walls_is_that_of_their_barrier():
     rng = np.random.default_rng(0)
     maps = rng.normal(size=(2, 50, 3))
     maps[:, :, 0] = [[0.5], [1.0]]
-    walls = Walls(Collisions(MODEL, JOINTS, 0.1), maps, np.array([0.0, 2.0]), np.array([0.5, 1.0]))
+    walls = Walls(Collisions(MODEL, TREE, 0.1), maps, np.array([0.0, 2.0]), np.array([0.5, 1.0]))
     collides = rng.normal(size=(2, 3))
     assert walls.hit(collides) and walls.barrier(collides)[0] == np.inf
     x = walls.shrunk(collides)
@@ -113,17 +113,17 @@ def test_the_gradient_of_walls_is_that_of_their_barrier():
     check_gradient(walls.barrier, x)
 
 
-@pytest.mark.parametrize("joints", [JOINTS, JOINTS[1:]])
-def test_the_barrier_before_collisions_has_the_slope_of_its_differences(joints):
+@pytest.mark.parametrize("tree", [TREE, LAST])
+def test_the_barrier_before_collisions_has_the_slope_of_its_differences(tree):
     """Arms of spheres and capsules, whose nearest points move smoothly, also with resting joints."""
-    collisions = Collisions(MODEL, joints, 0.01)
-    q = np.random.default_rng(0).uniform(-0.5, 0.5, size=(200, len(joints)))
+    collisions = Collisions(MODEL, tree, 0.01)
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, size=(200, tree.size))
     q[:, -1] += 2.4
     q = q[(collisions.depth(q, 0.02) == 0) & (collisions.depth(q, 0.3) > 0)][:20]
     assert len(q) > 5
     barrier, slope = collisions.barrier_and_slope(q, 0.01, 0.3)
     assert 0 < barrier < np.inf
-    for j, step in enumerate(1e-7 * np.eye(len(joints))):
+    for j, step in enumerate(1e-7 * np.eye(tree.size)):
         for k, posture in enumerate(q):
             up, down = (collisions.barrier_and_slope(posture[None] + s * step, 0.01, 0.3)[0] for s in (1, -1))
             assert slope[k, j] == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
@@ -131,12 +131,12 @@ def test_the_barrier_before_collisions_has_the_slope_of_its_differences(joints):
 
 def test_collisions_are_found_and_named():
     postures = np.array([[0.0, 0.0], [0.0, 3.0], [2.9, 0.0]])
-    both = Collisions(MODEL, JOINTS, 0.005)
+    both = Collisions(MODEL, TREE, 0.005)
     assert (both.depth(postures) > 0).tolist() == [False, True, True]
     folded, on_floor = {("column", "fore"): 1, ("column", "hand"): 1}, {("world", "fore"): 2, ("world", "hand"): 2}
     assert both.touching(postures) == folded | on_floor
     # Above the column by 0.4 - 0.04 - 0.1 m; bodies on the locked joint, closer to the column, do not count.
-    assert Collisions(MODEL, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
+    assert Collisions(MODEL, LAST, 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -166,7 +166,7 @@ def test_designs_follow_their_options_and_seed(arm, tmp_path, capsys):
 def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys):
     """Of angles alone, at another rate, and twice as long."""
     time, waves = np.arange(0, 20, 1 / 50), (np.array([[0.3], [0.2]]), np.array([[1], [1.7]]), [[0], [np.pi / 2]])
-    Recording(time, by_joint(JOINTS, position=sines(time, *waves)[0])).save(tmp_path / "mine.csv")
+    Recording(time, by_joint(TREE.joints, position=sines(time, *waves)[0])).save(tmp_path / "mine.csv")
     assert excite.main([str(arm), *QUICK, "--log", str(tmp_path / "mine.csv"), "--out", str(tmp_path / "out")]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "mine.csv: " in shown and "random" not in shown
@@ -181,7 +181,7 @@ def test_a_motion_around_collisions_is_found():
     limits = Limits([-1.5, -2.9], [1.5, 2.9], [2.0, 3.0], [8.0, 12.0])
     cost = criteria.cost(PROBLEM, "determinant", 601)
     time = np.linspace(0, 6, 2001)
-    collisions = Collisions(MODEL, JOINTS, 0.01)
+    collisions = Collisions(MODEL, TREE, 0.01)
     start = random_start(limits, 6.0, 4, np.random.default_rng(0))
     careless = design(cost, limits, start, iterations=30)
     assert collisions.depth(careless.states(time)[0]).any()
