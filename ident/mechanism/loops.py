@@ -179,7 +179,11 @@ class Constraints:
         for row in self.rows:
             inside = {name in tree.names for name in row.bodies}
             if len(inside) == 2:
-                raise ModelError(f"The constraint '{row.name}' is between a body of this part and one outside it.")
+                raise ModelError(
+                    f"The constraint '{row.name}' is between a body of the mechanism and one outside it, and its force "
+                    f"is missing in the equations; leave it out with --ignore {row.name} (in Python, "
+                    f"ignore=['{row.name}'])."
+                )
             if inside == {True} and any(tree.bodies[i].moves for i in members_of(tree, [row])):
                 rows.append(row)
         return replace(self, rows=tuple(rows))

@@ -63,9 +63,8 @@ def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnM
             columns.pop(f"joints.{joint}.{kind}", None)
         own, of_leader = columns.pop(f"joints.{joint}.torque", Columns(("",))), _of(columns, lead.joint, "torque")
         if own.read and len(lead.coefficients) == 2:
-            terms = [(1.0, of_leader), (lead.coefficients[1], own)]
-            weights, parts = zip(*((w, each) for w, each in terms if each.read), strict=True)
-            columns[f"joints.{lead.joint}.torque"] = combined(weights, parts)
+            weights = float(bool(of_leader.read)), lead.coefficients[1]
+            columns[f"joints.{lead.joint}.torque"] = combined(weights, (of_leader, own))
     return replace(mapping, columns=columns, followers=followers)
 
 

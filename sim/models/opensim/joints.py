@@ -9,8 +9,6 @@ import numpy as np
 
 from ident.errors import ModelError
 from ident.mechanism.constraint import Coincidence
-from ident.mechanism.tree import Tree
-from sim.models.notes import note
 from sim.models.opensim.elements import (
     GROUND,
     IDENTITY,
@@ -330,21 +328,8 @@ def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
     return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else (low, high)
 
 
-def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Collection[str]) -> list[Coincidence]:
-    """Point and weld constraints between bodies of a tree.
-
-    Args:
-        model: The model.
-        frames: Its frames.
-        tree: The tree; constraints of which neither body is in it have no effect.
-        ignore: Names of constraints to leave out.
-
-    Warns:
-        ModelNote: There are some.
-
-    Raises:
-        ModelError: One holds a body of the tree to the ground or another body, whose force the equations lack.
-    """
+def point_constraints(model: ET.Element, frames: Frames, ignore: Collection[str]) -> list[Coincidence]:
+    """Point and weld constraints between bodies of a model, but for some that are left out by name."""
     out = list[Coincidence]()
     for element in (each for each in enforced(model, ignore) if each.tag in CLOSING):
         bodies, poses = list[str](), list[tuple[float, ...]]()
@@ -354,14 +339,5 @@ def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Col
             pose = place.pose @ offset(element, f"location_body_{k}", f"orientation_body_{k}")
             bodies.append(place.body)
             poses.append(tuple(pose.ravel().tolist()))
-        inside = [body in tree.names for body in bodies]
-        if any(inside) and not all(inside):
-            raise ModelError(
-                f"{label(element)} reaches outside the mechanism, whose equations lack its force; leave it out with "
-                f"--ignore {element.get('name')} (in Python, ignore=['{element.get('name')}'])."
-            )
-        if all(inside):
-            out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
-    if out:
-        note(f"By {', '.join(each.name for each in out)}, joints without a column follow from the others.")
+        out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
     return out

@@ -171,8 +171,9 @@ def mechanism_from_opensim(
         stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
         read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
-        constraints = Constraints(tuple(point_constraints(model, frames, tree, ignore)), posture)
-        constraints = constraints.within(tree).checked(tree)
+        constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree).checked(tree)
+        if closing := [row.name for row in constraints.rows]:
+            note(f"By {', '.join(closing)}, joints without a column follow from the others.")
         return replace(read, centre_std=OF_PEOPLE, constraints=constraints).rested()
 
 
