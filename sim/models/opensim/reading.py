@@ -10,7 +10,6 @@ import numpy as np
 from ident.arguments import checked_coordinates
 from ident.errors import ModelError, about
 from ident.geometry.inertia import parameters_from_com, symmetric
-from ident.mechanism.body import BASE
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
@@ -183,8 +182,7 @@ def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
     kept = [i for i in range(len(tree.bodies)) if i not in gone]
     if not kept:
         raise ModelError("The model has no body besides the ground.")
-    place = {BASE: BASE} | {i: k for k, i in enumerate(kept)}
-    return Tree(tuple(replace(tree.bodies[i], parent=place[tree.bodies[i].parent]) for i in kept))
+    return Tree(tree.part(kept))
 
 
 def body_parameters(element: ET.Element) -> np.ndarray:
