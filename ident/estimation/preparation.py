@@ -163,7 +163,6 @@ def prepared(
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
-    check_tracked(mechanism, recording)
     steps = repairs.steps(recording, tree)
     clipped, notes = tuple[Clipped, ...](), of_loops
     if not recording.still:
@@ -179,6 +178,7 @@ def prepared(
         are = " are" if recording.base is None else ""
         notes.append(f"The {of} roll, pitch and yaw{are} {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
     resting = repairs.rests(recording, tree)
+    check_tracked(mechanism, recording, resting)
     notes += [repairs.rest_note(*each) for each in resting.items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)

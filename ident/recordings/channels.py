@@ -348,7 +348,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
         limit = HUGE if point else HUGE / columns.factor
         x[:, k] = table.column(name, limit, gaps=gaps or point, tame=point)
         missing = np.isnan(x[:, k])
-        if missing.all() and key.endswith((".position", ".quaternion")):
+        if missing.all() and key.endswith((".position", ".quaternion", ".orientation")):
             raise LogError(f"column '{name}' is empty, but {key} needs it.")
         if missing.any() and not point:
             much = f"in {missing.sum()} of {len(x)} samples. {AS_MEASURED}"
