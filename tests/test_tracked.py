@@ -272,7 +272,10 @@ def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
     ],
 )
 def test_what_is_wrong_in_an_entry_is_one_sentence(entry, message):
-    given, stated = columns()[1] | {"more": np.full(100, 2.0), "none": np.full(100, np.nan)}, {"tracked": {"flange": {"body": "b4", **entry}}}
+    given, stated = (
+        columns()[1] | {"more": np.full(100, 2.0), "none": np.full(100, np.nan)},
+        {"tracked": {"flange": {"body": "b4", **entry}}},
+    )
     assert message in sentence_of(ident.read_log, given, mechanism(), stated)
 
 
