@@ -65,28 +65,32 @@ class ClockColumn(NamedTuple):
         return clocks({"time": [self.entry]})[0]
 
 
-def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> ClockColumn:
+def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     """The column of times: an increasing one, chosen by its name or else by its uniform steps.
 
     Args:
-        columns: Columns of numbers by name (N,).
+        table: The table.
         rate: Samples per second if no column is named like times, Hz; 0 if unknown.
 
     Raises:
-        LogError: No column increases, or several do and none is named like times.
+        LogError: There are too few samples, no column increases, or several do and none is named like times.
     """
+    if (samples := len(table.rows)) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
+    columns, unread = _numbers(table)
     steps = {name: np.diff(x) for name, x in columns.items()}
-    growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
-    named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
+    growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
+    named = [name for name in growing if _is_named_time(name)]
     if rate and not named:
         return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
     if not candidates:
+        faults = [_fault_of_times(table, name, columns, unread) for name in table.cells if _is_named_time(name)]
         raise LogError(
-            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ; "
-            "still poses need none where the columns file has poses = true."
+            f"no column of it grows as times do{''.join(faults[:1]) or f', of {listed(columns)}'}; a log needs one, or "
+            "--rate HZ; still poses need none where the columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact
@@ -100,6 +104,22 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> ClockColum
     how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
     return ClockColumn({"column": column, "unit": unit}, f"{what}; {unit} since {how}")
+
+
+def _is_named_time(name: str) -> bool:
+    return words(name).kind == "time" or words(name).unit in UNITS["time"]
+
+
+def _fault_of_times(table: Table, name: str, columns: Mapping[str, np.ndarray], unread: Mapping[str, str]) -> str:
+    """Reason for which a column that is named like times has none."""
+    if name in unread:
+        return f": {unread[name].rstrip('.')}"
+    x = columns[name]
+    if (missing := np.isnan(x)).any():
+        return f": {table.row(int(missing.argmax()))}, column '{name}' is empty"
+    if (back := np.diff(x) < 0).any():
+        return f": {table.row(int(back.argmax()) + 1)}, column '{name}' goes back in time"
+    return f": column '{name}' repeats most of its times"
 
 
 OWN_TIMES = ClockColumn({"column": TIME, "unit": "s"}, "the file knows its times")
@@ -260,7 +280,7 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
         if table is None:
             raise LogError("it has no rows of numbers.")
-        clock = clock_of(_numbers(table)[0], rate)
+        clock = clock_of(table, rate)
         return layout, clock, next(counted([table], clock.columns))
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
