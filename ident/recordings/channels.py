@@ -113,7 +113,8 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
     names = [name for name in columns if name == name.strip() and name.isprintable()]
     lines = _ground(names) or _torques(names, [joint for joint in joints if joint.isprintable()])
     plain = [" ".join(name.split()) for name in columns]
-    there = f"Besides times and joint states it has {f'the columns {listed(plain)}' if columns else 'no columns'}"
+    there = f"Besides times, joint states and what is empty it has {'the' if columns else 'no'} columns"
+    there += f" {listed(plain)}" if columns else ""
     if not lines:
         return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
     wrist = " (`multicontact columns` tells if a sensor at a wrist measures them)" if "wrenches" in lines[0] else ""
