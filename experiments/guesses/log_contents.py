@@ -18,10 +18,10 @@ from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.files.table import FAR, TRUE, Table, is_number
 from ident.recordings.entries import clocks, counted, taken
-from ident.recordings.faults import rate_factor, rate_factors, with_continuous_angles
+from ident.recordings.faults import rate_factors, with_continuous_angles
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
-from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
+from ident.recordings.times import GAP, TIME, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
 
 ROWS = 20_000
 """Largest number of samples that are read."""
@@ -75,8 +75,7 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     Raises:
         LogError: There are too few samples, no column increases, or several do and none is named like times.
     """
-    if (samples := len(table.rows)) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
+    check_samples(len(table.rows))
     columns, unread = _numbers(table)
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
@@ -199,7 +198,7 @@ class LogContents:
 
     def rate_factor(self, x: np.ndarray, rate: str) -> float:
         """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
-        return rate_factor(self.time, x, self.columns[rate])
+        return float(rate_factors(self.time, x[:, None], self.columns[rate][:, None])[0, 0])
 
     def are_rates(self, positions: Sequence[str], rates: Sequence[str]) -> np.ndarray:
         """True where columns may be derivatives of others, in any unit and of either sign (k, l)."""
@@ -342,8 +341,7 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
     if not streams:
         raise LogError("it has times, but no other column of numbers.")
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
-    if len(time) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
+    check_samples(len(time), " that all columns cover")
     has_gaps = False
     for name, stream in streams.items():
         missing, steps = np.isnan(stream.values).mean(), np.diff(stream.time)

@@ -139,18 +139,12 @@ def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
 
 def _ground(names: Sequence[str]) -> list[str]:
     """Lines for the most complete wrench among the columns."""
-    wrenches = (
-        {key: name for key, name in group.items() if key[0] in PARTS} for group in wrench_groups(names).values()
-    )
-    groups = [group for group in wrenches if group]
-    if not groups:
+    groups = wrench_groups(names).values()
+    wrenches = ({key: name for key, name in group.items() if key[0] in PARTS} for group in groups)
+    if not (best := max(wrenches, key=len, default={})):
         return []
-    best = max(groups, key=len)
-    return ["[wrenches.ground]", *(f"{kind} = [{_listed(best, kind)}]" for kind in PARTS)]
-
-
-def _listed(group: dict[Component, str], kind: str) -> str:
-    return ", ".join(_quoted(group.get((kind, axis), "")) for axis in "xyz")
+    listed = {kind: ", ".join(_quoted(best.get((kind, axis), "")) for axis in "xyz") for kind in PARTS}
+    return ["[wrenches.ground]", *(f"{kind} = [{columns}]" for kind, columns in listed.items())]
 
 
 def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:

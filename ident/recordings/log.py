@@ -26,7 +26,7 @@ from ident.recordings.recording import Recording, poses
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.stated import annotations
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled, check_samples
 from ident.recordings.wrench import GROUND
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
@@ -181,7 +181,7 @@ def _recordings(
             if clocks:
                 mapping = mapping_of(tables, mapping, kinds)
             else:
-                _check_length(len(tables[0].rows))
+                check_samples(len(tables[0].rows))
                 mapping = with_names(mapping, tables[0], kinds)
             mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
             kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
@@ -208,7 +208,7 @@ def _recordings(
         origins = ChainMap(*(annotations(table.metadata).get("provenance", {}) for table in reversed(tables)))
         yield replace(recording, notes=notes, unused=unused, provenance=dict(origins))
     if clock is None:
-        _check_length(0)
+        check_samples(0)
 
 
 def _selected(pieces: Iterable[Table], mapping: ColumnMapping, mechanism: Mechanism, samples: int) -> Iterator[Table]:
@@ -239,11 +239,6 @@ def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism)
     usual = {name.format(joint) for joint in mechanism.tree.still for names in KINDS.values() for name in names}
     unread = [name for name in unused if name in (*usual, *mapping.of_fixed)]
     return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
-
-
-def _check_length(samples: int) -> None:
-    if samples < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
 
 
 def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:

@@ -181,11 +181,9 @@ class Recording(Brief):
 
     def without(self, channels: Collection[str]) -> "Recording":
         """The recording without some channels."""
-        measured, true = (
-            {name: x for name, x in values.items() if name not in channels} for values in (self.measured, self.true)
-        )
-        streams = {name: x for name, x in self.streams.items() if name not in channels}
-        return replace(self, measured=measured, true=true, streams=streams)
+        every = {"measured": self.measured, "true": self.true, "streams": self.streams}
+        kept = {key: {name: x for name, x in own.items() if name not in channels} for key, own in every.items()}
+        return replace(self, **kept)
 
     @property
     def without_streams(self) -> "Recording":

@@ -329,8 +329,7 @@ class Clock:
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
         """Sets start and step from the first piece."""
         (name,) = self.column.names
-        if len(time) < LEAST_SAMPLES:
-            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples at different times, it has {len(time)}.")
+        check_samples(len(time), " at different times")
         self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
         if abs(self.start) > EPOCH:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
@@ -340,6 +339,12 @@ class Clock:
                 f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
                 f'it, as in time = {{ column = "{name}", unit = "ms" }}.{POSES if self.step >= SLOW else ""}'
             )
+
+
+def check_samples(number: int, which: str = "") -> None:
+    """Refuses fewer samples than a log needs, perhaps of some of them."""
+    if number < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples{which}, it has {number}.")
 
 
 def check_jumps(what: str, time: np.ndarray, step: float) -> None:
@@ -394,7 +399,7 @@ def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
         return grid
     first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)
     inside = grid[(grid >= max(first)) & (grid <= min(last))]
-    _check_covered(inside)
+    check_samples(len(inside), " that all columns cover")
     return inside
 
 
@@ -424,10 +429,5 @@ def together(streams: dict[str, Sampled]) -> Repaired:
     for key, stream in streams.items():
         check_jumps(f"the time of {key}", stream.time, 1 / rate)
     common = uniform_times(untracked(streams), rate)
-    _check_covered(common)
+    check_samples(len(common), " that all columns cover")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
-
-
-def _check_covered(time: np.ndarray) -> None:
-    if len(time) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(time)}.")
