@@ -256,12 +256,13 @@ def test_what_is_wrong_with_recordings_of_one_kind_names_the_kind(arm, logs):
     first, last = logs
     short = replace(last, time=last.time[:12], measured={name: 1.001 * x[:12] for name, x in last.measured.items()})
     joints = {name: x for name, x in last.measured.items() if name.endswith("position")}
-    for kind, without, loaded, message in (
-        ("with", first, replace(last, measured=joints), "The recording has neither a wrench nor a joint torque"),
-        ("without", short, last, "12 samples, 0 left out at either end and 40 % held out, are too few"),
-        ("with", first, short, "12 samples, 0 left out at either end and 40 % held out, are too few"),
+    few = "12 samples, 0 left out at either end and 40 % held out, are too few"
+    for without, loaded, message in (
+        (first, replace(last, measured=joints), "A recording with the load has neither a wrench nor a joint torque"),
+        (short, last, f"Recordings without the load: {few}"),
+        (first, short, f"Recordings with the load: {few}"),
     ):
-        with pytest.raises(InputError, match=f"^Recordings {kind} the load: {message}"):
+        with pytest.raises(InputError, match=f"^{message}"):
             identify_load(arm, without, loaded, body="tool")
 
 

@@ -1,6 +1,6 @@
 """The contents of a log before any mapping: layout of text, column of times, and columns of numbers at common times."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -76,7 +76,7 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
         LogError: There are too few samples, no column increases, or several do and none is named like times.
     """
     check_samples(len(table.rows))
-    columns, unread = _numbers(table)
+    columns, _ = _numbers(table)
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if _is_named_time(name)]
@@ -86,9 +86,9 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
     if not candidates:
-        faults = [_fault_of_times(table, name, columns, unread) for name in table.cells if _is_named_time(name)]
+        faults = [f": {_fault_of_times(table, name)}" for name in table.cells if _is_named_time(name)]
         raise LogError(
-            f"no column of it grows as times do{''.join(faults[:1]) or f', of {listed(columns)}'}; a log needs one, or "
+            f"no column of it grows as times do{(faults or [f', of {listed(columns)}'])[0]}; a log needs one, or "
             "--rate HZ; still poses need none where the columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
@@ -109,16 +109,16 @@ def _is_named_time(name: str) -> bool:
     return words(name).kind == "time" or words(name).unit in UNITS["time"]
 
 
-def _fault_of_times(table: Table, name: str, columns: Mapping[str, np.ndarray], unread: Mapping[str, str]) -> str:
+def _fault_of_times(table: Table, name: str) -> str:
     """Reason for which a column that is named like times has none."""
+    columns, unread = _numbers(table)
     if name in unread:
-        return f": {unread[name].rstrip('.')}"
-    x = columns[name]
-    if (missing := np.isnan(x)).any():
-        return f": {table.row(int(missing.argmax()))}, column '{name}' is empty"
-    if (back := np.diff(x) < 0).any():
-        return f": {table.row(int(back.argmax()) + 1)}, column '{name}' goes back in time"
-    return f": column '{name}' repeats most of its times"
+        return unread[name].rstrip(".")
+    empty, back = np.isnan(columns[name]), np.diff(columns[name], prepend=-np.inf) < 0
+    for wrong, what in ((empty, "is empty"), (back, "goes back in time")):
+        if wrong.any():
+            return f"{table.row(int(wrong.argmax()))}, column '{name}' {what}"
+    return f"column '{name}' repeats most of its times"
 
 
 OWN_TIMES = ClockColumn({"column": TIME, "unit": "s"}, "the file knows its times")

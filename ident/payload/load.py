@@ -21,7 +21,7 @@ from scipy import linalg, special
 from ident.annotations import NotNegative, Positive, typed
 from ident.errors import InputError, about
 from ident.estimate import Estimate
-from ident.estimation.preparation import Prepared, prepared
+from ident.estimation.preparation import prepared
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.judgement.agreement import widening
@@ -363,16 +363,15 @@ def identify_load(
     heavier = robot.mass / robot.known[first]
     open_ = {"mass": heavier, "center": FAR, "inertia": heavier}
     carrier = replace(robot, prior_known={**robot.prior_known, body: open_})
-    whose = ("Recordings without the load", "Recordings with the load")
-    ready = list[list[Prepared]]()
-    for who, each, logs in zip(whose, (robot, carrier), several, strict=True):
-        with about(who):
-            ready.append([prepared(each, log, filters=False, drive=None) for log in logs])
-    check_different([*ready[0], *ready[1]])
-    with about(whose[0]):
-        empty = identified(ready[0], **fitting)
-    with about(whose[1]):
-        full = identified(ready[1], known=empty.trajectory is not None and empty.trajectory.known, **fitting)
+    bare, carrying = (
+        [prepared(each, log, filters=False, drive=None, name=f"A recording {whose} the load") for log in logs]
+        for each, logs, whose in zip((robot, carrier), several, ("without", "with"), strict=True)
+    )
+    check_different([*bare, *carrying])
+    with about("Recordings without the load"):
+        empty = identified(bare, **fitting)
+    with about("Recordings with the load"):
+        full = identified(carrying, known=empty.trajectory is not None and empty.trajectory.known, **fitting)
     if empty.channels != full.channels:
         raise InputError(
             f"Recordings with the load need the channels {', '.join(empty.channels)}; they have "

@@ -152,8 +152,7 @@ def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
     torques = [name for name in names if re.search(JOINT_TORQUE, name.lower().replace("_", " "))]
     columns: dict[str, str] = {}
     for joint in sorted(joints, key=len, reverse=True):
-        own = [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]
-        if own:
+        if own := [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]:
             columns[joint] = own[0]
     if not columns and len(torques) == len(joints):
         columns = dict(zip(joints, torques, strict=True))
@@ -233,7 +232,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     for name in mapping.trackers:
         for kind, ends in (("position", "xyz"), ("orientation", "wxyz")):
             columns.setdefault(f"{TRACKED}{name}.{kind}", Columns(tuple(f"{name}_{kind}.{c}" for c in ends)))
-    if not mapping.has_base and f"{BASE}.0" in table.cells:
+    if f"{BASE}.0" in table.cells and not any(key.startswith("base.") for key in mapping.columns):
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}
     mapped = {joint: kind for joint, kind in joints.items() if f"joints.{joint}.position" in mapping.columns}
@@ -354,8 +353,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
 def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:
     """Unit quaternions whose signs do not jump, NaN where a component is missing (N, 4)."""
     norm = np.linalg.norm(quaternion, axis=1)
-    wrong = np.abs(norm - 1) > 0.01
-    if wrong.any():
+    if (wrong := np.abs(norm - 1) > 0.01).any():
         i = int(wrong.argmax())
         raise LogError(f"{table.row(i)}, {key} needs a norm of 1, got {norm[i]:g}.")
     return without_jumps(quaternion / norm[:, None])

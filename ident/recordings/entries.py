@@ -138,13 +138,11 @@ def single(where: str, entry: Any, quantity: str) -> Columns:
     entry = {"constant": entry} if is_number(entry) and quantity.endswith(" position") else entry
     check_keys(where, table(where, entry), (*TERM, "unit"))
     current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
-    if current is None:
-        name, sums = _term(where, entry)
-        return Columns((name,), *factor_of(where, entry, "unit", quantity), sums)
-    if "gain" not in entry:
+    if current is not None and "gain" not in entry:
         raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
-    name, sums = _term(where, entry, current)
-    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
+    name, sums = _term(where, entry, current or 1.0)
+    unit = factor_of(where, entry, "unit", quantity) if current is None else (1.0, next(iter(UNITS[quantity])))
+    return Columns((name,), *unit, sums)
 
 
 def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:

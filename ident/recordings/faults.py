@@ -375,10 +375,9 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
         command = f"{body.joint}_command"
         # A command that is unwrapped may be whole turns away from its position.
         turns = 2 * np.pi * np.round(np.median(measured[command] - measured[f"{body.joint}_position"]) / (2 * np.pi))
-        if turns:
-            measured[command] = measured[command] - turns
-            if command in streams:
-                streams[command] = Sampled(streams[command].time, streams[command].values - turns)
+        measured[command] = measured[command] - turns
+        if command in streams:
+            streams[command] = Sampled(streams[command].time, streams[command].values - turns)
     scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
     return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
 

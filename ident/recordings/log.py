@@ -32,12 +32,15 @@ from ident.recordings.wrench import GROUND
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
 
+MappingSource = str | Path | Mapping[str, Any] | None
+"""What states a mapping of columns: a file's path, its content, or nothing."""
+
 
 @typed("path", "columns")
 def read_log(
     path: str | Path | InMemory,
     mechanism: Mechanism,
-    columns: str | Path | Mapping[str, Any] | None = None,
+    columns: MappingSource = None,
     *,
     gaps: bool = False,
     limit: int = LIMIT,
@@ -77,12 +80,7 @@ def read_log(
 
 @typed("path", "columns")
 def read_log_pieces(
-    path: str | Path,
-    mechanism: Mechanism,
-    columns: str | Path | None = None,
-    samples: int = 10_000,
-    *,
-    limit: int = LIMIT,
+    path: str | Path, mechanism: Mechanism, columns: MappingSource = None, samples: int = 10_000, *, limit: int = LIMIT
 ) -> Iterator[Recording]:
     """Reads a log piece by piece, for logs larger than memory.
 
@@ -96,7 +94,7 @@ def read_log_pieces(
     yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
 
 
-def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
+def _in_memory(source: Any, mechanism: Mechanism, columns: MappingSource, *, gaps: bool) -> Recording:
     """Recording of columns in memory, arguments as for `read_log`."""
     try:
         if (table := table_of(source)) is None:
@@ -104,13 +102,13 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -
             raise InputError(f"A log needs the path of a file, or {TYPES}; got {described(source)}.{several}")
         mapping = _mapping(columns, mechanism)
         tables = _selected([table], mapping, mechanism, sys.maxsize)
-        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps)
+        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps, clocks=False)
     except LogError as error:
         raise LogError(f"The {kind_of(source)}: {error}") from None
     return recording
 
 
-def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanism) -> ColumnMapping:
+def _mapping(columns: MappingSource, mechanism: Mechanism) -> ColumnMapping:
     """Mapping of columns from a file or its content."""
     if columns is None:
         mapping = ColumnMapping()
@@ -123,13 +121,7 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
 
 
 def _pieces(
-    path: Path,
-    mechanism: Mechanism,
-    columns: str | Path | Mapping[str, Any] | None,
-    samples: int,
-    *,
-    gaps: bool,
-    limit: int,
+    path: Path, mechanism: Mechanism, columns: MappingSource, samples: int, *, gaps: bool, limit: int
 ) -> Iterator[Recording]:
     """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
     mapping = _mapping(columns, mechanism)
@@ -150,7 +142,7 @@ def _pieces(
         at_once = sys.maxsize if mapping.selection else samples
         pieces = read_tables(path, at_once, overlap=1, limit=limit, layout=mapping.layouts[0])
         tables_of_file = _selected(pieces, mapping, mechanism, samples)
-        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps)
+        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps, clocks=False)
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
         hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
@@ -158,12 +150,7 @@ def _pieces(
 
 
 def _recordings(
-    pieces: Iterable[Sequence[Table]],
-    mechanism: Mechanism,
-    mapping: ColumnMapping,
-    *,
-    gaps: bool | None,
-    clocks: bool = False,
+    pieces: Iterable[Sequence[Table]], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool | None, clocks: bool
 ) -> Iterator[Recording]:
     """Recordings of the pieces of a log.
 

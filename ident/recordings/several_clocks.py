@@ -84,8 +84,7 @@ def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
     """
     columns: dict[str, Columns] = {}
     for key, used in mapping.columns.items():
-        here = [name for name in used.read if name in table.cells]
-        if not here:
+        if not (here := [name for name in used.read if name in table.cells]):
             continue
         if len(here) < len(used.read):
             other = next(name for name in used.read if name not in table.cells)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.table import BASE, Table
+from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
 from ident.recordings.entries import EPOCH
 from ident.recordings.stated import untracked
@@ -119,8 +120,7 @@ def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> 
         rate = max(joints, default=rates.get(BASE, 0.0))
     if not 0 < rate < np.inf:
         raise LogError(f"Streams need a positive rate in Hz for the times that they have in common, got {rate}.")
-    spans = {k: span for k, x in streams.items() if (span := covered(x)) is not None}
-    if not spans:
+    if not (spans := {k: span for k, x in streams.items() if (span := covered(x)) is not None}):
         raise LogError("Streams need samples, there is none.")
     latest, soonest = max(spans, key=lambda k: spans[k][0]), min(spans, key=lambda k: spans[k][1])
     start, end = spans[latest][0], spans[soonest][1]
@@ -168,10 +168,8 @@ def interpolated_poses(stream: Sampled, time: np.ndarray) -> np.ndarray:
     if stream.columns.shape[1] != 16 or there.sum() < 2 or not is_rigid(stream.columns[there].reshape(-1, 4, 4)):
         raise LogError(f"The stream '{BASE}' needs rigid poses (N, 16), row by row, got shape {stream.values.shape}.")
     poses, own = stream.columns[there].reshape(-1, 4, 4), stream.time[there]
-    out = np.tile(np.eye(4), (len(time), 1, 1))
-    out[:, :3, :3] = Slerp(own, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(time, own[0], own[-1])).as_matrix()
-    out[:, :3, 3] = interpolated(Sampled(own, poses[:, :3, 3]), time)
-    return out
+    turned = Slerp(own, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(time, own[0], own[-1]))
+    return pose(turned.as_matrix(), interpolated(Sampled(own, poses[:, :3, 3]), time))
 
 
 def between_samples(stream: Sampled, time: np.ndarray, reach: float) -> np.ndarray:
