@@ -252,6 +252,20 @@ def test_bad_input_is_one_sentence(arm, logs, given, message):
         identify_load(arm, logs[0], logs[0], body="tool")
 
 
+def test_what_is_wrong_with_recordings_of_one_kind_names_the_kind(arm, logs):
+    first, last = logs
+    short = replace(last, time=last.time[:12], measured={name: 1.001 * x[:12] for name, x in last.measured.items()})
+    joints = {name: x for name, x in last.measured.items() if name.endswith("position")}
+    few = "12 samples, 0 left out at either end and 40 % held out, are too few"
+    for without, loaded, message in (
+        (first, replace(last, measured=joints), "A recording with the load has neither a wrench nor a joint torque"),
+        (short, last, f"Recordings without the load: {few}"),
+        (first, short, f"Recordings with the load: {few}"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            identify_load(arm, without, loaded, body="tool")
+
+
 def test_a_columns_file_states_the_body_with_the_load(files, arm, logs, monkeypatch, capsys):
     """In Python each log has its own file; the command shares one among logs with and without the load."""
     (folder, arguments), shared = files, []

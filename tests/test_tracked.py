@@ -267,11 +267,15 @@ def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
         ({"position": ["x", "y", "z"]}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**POSE, **QUATERNION}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**QUATERNION, "quaternion": ["more", "qx", "qy", "qz"]}, "tracked.flange.orientation needs a norm of 1"),
+        ({**POSE, "rotation_vector": ["rx", "none", "rz"]}, "column 'none' is empty, but tracked.flange.orientation"),
         ({**POSE, "world": {}}, "[tracked.flange] has no entry 'world'; valid are body, position,"),
     ],
 )
 def test_what_is_wrong_in_an_entry_is_one_sentence(entry, message):
-    given, stated = columns()[1] | {"more": np.full(100, 2.0)}, {"tracked": {"flange": {"body": "b4", **entry}}}
+    given, stated = (
+        columns()[1] | {"more": np.full(100, 2.0), "none": np.full(100, np.nan)},
+        {"tracked": {"flange": {"body": "b4", **entry}}},
+    )
     assert message in sentence_of(ident.read_log, given, mechanism(), stated)
 
 
@@ -284,5 +288,18 @@ def test_recordings_in_python_are_checked_too():
         ({"measured": {**recording.measured, "flange_orientation": 2 * quaternion}}, "'flange_orientation' needs"),
     ):
         assert message in sentence_of(identified, replace(recording, **given))
+    ten = "The tracked body 'flange' needs at least 10 poses, samples that have both flange_position and"
+    number, own = np.arange(len(quaternion)), {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
+    for first, last, message in (
+        (number == 40, number == 40, f"{ten} flange_orientation, got 1."),
+        (number % 2 == 0, number % 2 == 1, f"{ten} flange_orientation, got 0."),
+        (number >= 0, number < 0, f"{ten} flange_orientation, got 0."),
+    ):
+        kept = zip(own.items(), (first, last), strict=True)
+        parts = {f"flange_{x}": Sampled(recording.time, np.where(k[:, None], y, np.nan)) for (x, y), k in kept}
+        assert sentence_of(identified, replace(recording, streams=parts)) == message
+    still = {f"flange_{x}": np.tile(y[0], (len(y), 1)) for x, y in own.items()}
+    message = sentence_of(identified, replace(recording, measured={**recording.measured, **still}))
+    assert "flange_position and flange_orientation, never change, but joints move 'b4'" in message
     with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
         identified([recording, replace(recorded(1, seconds=1.0)[0], trackers={})])

@@ -1,6 +1,6 @@
 """The contents of a log before any mapping: layout of text, column of times, and columns of numbers at common times."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -18,10 +18,10 @@ from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.files.table import FAR, TRUE, Table, is_number
 from ident.recordings.entries import clocks, counted, taken
-from ident.recordings.faults import rate_factor, rate_factors, with_continuous_angles
+from ident.recordings.faults import rate_factors, with_continuous_angles
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
-from ident.recordings.times import GAP, LEAST_SAMPLES, TIME, Sampled, interpolated, rate_of, streams_of, uniform_times
+from ident.recordings.times import GAP, TIME, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
 
 ROWS = 20_000
 """Largest number of samples that are read."""
@@ -65,28 +65,31 @@ class ClockColumn(NamedTuple):
         return clocks({"time": [self.entry]})[0]
 
 
-def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> ClockColumn:
+def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     """The column of times: an increasing one, chosen by its name or else by its uniform steps.
 
     Args:
-        columns: Columns of numbers by name (N,).
+        table: The table.
         rate: Samples per second if no column is named like times, Hz; 0 if unknown.
 
     Raises:
-        LogError: No column increases, or several do and none is named like times.
+        LogError: There are too few samples, no column increases, or several do and none is named like times.
     """
+    check_samples(len(table.rows))
+    columns, _ = _numbers(table)
     steps = {name: np.diff(x) for name, x in columns.items()}
-    growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
-    named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
+    growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
+    named = [name for name in growing if _is_named_time(name)]
     if rate and not named:
         return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
     if not candidates:
+        faults = [f": {_fault_of_times(table, name)}" for name in table.cells if _is_named_time(name)]
         raise LogError(
-            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ; "
-            "still poses need none where the columns file has poses = true."
+            f"no column of it grows as times do{(faults or [f', of {listed(columns)}'])[0]}; a log needs one, or "
+            "--rate HZ; still poses need none where the columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact
@@ -100,6 +103,22 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> ClockColum
     how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
     return ClockColumn({"column": column, "unit": unit}, f"{what}; {unit} since {how}")
+
+
+def _is_named_time(name: str) -> bool:
+    return words(name).kind == "time" or words(name).unit in UNITS["time"]
+
+
+def _fault_of_times(table: Table, name: str) -> str:
+    """Reason for which a column that is named like times has none."""
+    columns, unread = _numbers(table)
+    if name in unread:
+        return unread[name].rstrip(".")
+    empty, back = np.isnan(columns[name]), np.diff(columns[name], prepend=-np.inf) < 0
+    for wrong, what in ((empty, "is empty"), (back, "goes back in time")):
+        if wrong.any():
+            return f"{table.row(int(wrong.argmax()))}, column '{name}' {what}"
+    return f"column '{name}' repeats most of its times"
 
 
 OWN_TIMES = ClockColumn({"column": TIME, "unit": "s"}, "the file knows its times")
@@ -179,7 +198,7 @@ class LogContents:
 
     def rate_factor(self, x: np.ndarray, rate: str) -> float:
         """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
-        return rate_factor(self.time, x, self.columns[rate])
+        return float(rate_factors(self.time, x[:, None], self.columns[rate][:, None])[0, 0])
 
     def are_rates(self, positions: Sequence[str], rates: Sequence[str]) -> np.ndarray:
         """True where columns may be derivatives of others, in any unit and of either sign (k, l)."""
@@ -260,7 +279,7 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
         if table is None:
             raise LogError("it has no rows of numbers.")
-        clock = clock_of(_numbers(table)[0], rate)
+        clock = clock_of(table, rate)
         return layout, clock, next(counted([table], clock.columns))
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
@@ -322,8 +341,7 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
     if not streams:
         raise LogError("it has times, but no other column of numbers.")
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
-    if len(time) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
+    check_samples(len(time), " that all columns cover")
     has_gaps = False
     for name, stream in streams.items():
         missing, steps = np.isnan(stream.values).mean(), np.diff(stream.time)

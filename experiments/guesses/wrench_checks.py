@@ -71,11 +71,13 @@ def place_wrenches(model: ComparedModel) -> None:
             origin = "of the sensor in the frame of that body, m: its moments depend on it"
             if "torque" in group.entries:
                 group.entries.setdefault("position", TableEntry([0.0, 0.0, 0.0], origin, LIKELY))
-            if belief.of("torque") or any(not other.is_inner for other in belief.groups.values()):
+            whole = all(kind in group.entries and all(group.entries[kind].value) for kind in PARTS)
+            if not whole or belief.of("torque") or any(not other.is_inner for other in belief.groups.values()):
                 group.entries["body"].sure = DOUBTFUL
+                use = "for `payload`" if whole else "without all six components, which `payload` needs"
                 belief.notes.append(
-                    f"The wrench '{group.name}' is that of what '{body}' carries. It stays a remark for `payload`, "
-                    "since `identify` would take it for a contact."
+                    f"The wrench '{group.name}' is that of what '{body}' carries. It stays a remark {use}, since "
+                    "`identify` would take it for a contact."
                 )
 
 

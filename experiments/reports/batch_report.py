@@ -135,8 +135,9 @@ def _span(values: np.ndarray, form: str) -> str:
     return " to ".join(dict.fromkeys(f"{each:{form}}" for each in (values.min(), values.max())))
 
 
-def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, bool]:
-    """Sentences on the agreement of the logs, and True if it is a doubt."""
+def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, str]:
+    """Sentences on the agreement of the logs, and the doubt that they are; "" if they are none."""
+    copies = [x.log for k, x in enumerate(outcomes) if x.values and x.values in (y.values for y in outcomes[:k])]
     k, differ, wide = agreed.most[0], agreed.differ, agreed.spread > APART
     names = [each.log for each, differs in zip(outcomes, differ, strict=True) if differs]
     most = with_bodies([agreed.names[k]], bodies)
@@ -144,9 +145,9 @@ def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[
     if names:
         most = _most(outcomes, agreed, int(k), np.flatnonzero(differ).tolist(), bodies)
         chi2 = _span(agreed.chi2[differ], ".0f")
-    more = {"wide": wide, "names": names, "most": most, "chi2": chi2, "listed": listed}
+    more = {"wide": wide, "names": names, "most": most, "chi2": chi2, "listed": listed, "copies": copies}
     text = sentences("batch.txt", agreed=agreed, number=len(outcomes), **more)
-    return " ".join(text), bool(names) or wide
+    return " ".join(text), "Copies" if copies else "Differ" if names or wide else ""
 
 
 def document(
@@ -164,13 +165,13 @@ def document(
     bodies = arm.bodies
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
     counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
-    sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
+    sentence, doubt = ("", "") if agreed is None else verdict(fitted, agreed, bodies)
     logs = number_of(len(outcomes), "log")
     count = f"{logs}: {', '.join(counts)}, {len(failed)} failed."
-    doubts = [("Logs differ", sentence)] * doubt
+    doubts = [({"Copies": "Copies of a log"}.get(doubt, "Logs differ"), sentence)] if doubt else []
     doubts += [(f"{x.log} failed", f"{x.log} failed: {x.error.removeprefix(f'{x.log}: ')}") for x in failed]
     outcome = "not" if doubt else "usable" if all(each.verdict == "usable" for each in outcomes) else "partly"
-    headline = None if agreed is None else Headline("Differ" if doubt else "Agree", count, outcome)
+    headline = None if agreed is None else Headline(doubt or "Agree", count, outcome)
     each_differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
     differs = ["" if each.error else next(each_differs, "") for each in outcomes]
     tables = {"table_logs": logs_table(outcomes, differs)}

@@ -18,6 +18,9 @@ UNITS = ("kg", "m", "m", "m", *["kg m²"] * 6)
 
 HEADS = ("body", "mass, kg", "from data", "centre x, m", "centre y, m", "centre z, m")
 
+INTERVALS = "95 % intervals, inertia about the frame's origin"
+"""Beginning of comments on bodies in files."""
+
 
 class BodyValue(NamedTuple):
     """One quantity of a body.
@@ -109,8 +112,7 @@ def comments(rows: Sequence[BodyValue]) -> dict[str, str]:
             if each.quantity not in open_
         ]
         known += [f"not determined: {', '.join(open_)}"] * bool(open_)
-        text = f"95 % intervals, inertia about the frame's origin: {'; '.join(known)}"
-        out[own[0].body] = text.replace("²", "2")
+        out[own[0].body] = f"{INTERVALS}: {'; '.join(known)}".replace("²", "2")
     return out
 
 

@@ -162,10 +162,12 @@ def prepared(
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
+    of_joints = [f"{joint}_{kind}" for joint in tree.joints for kind in ("torque", "command")]
+    empty = [channel for channel in of_joints if np.isnan(recording.measured.get(channel, 0)).all()]
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
-    check_tracked(mechanism, recording)
     steps = repairs.steps(recording, tree)
     clipped, notes = tuple[Clipped, ...](), of_loops
+    notes += [f"Left out, since they have no numbers: {', '.join(empty)}."] if empty else []
     if not recording.still:
         recording, clipped = repairs.without_clipped(recording, mechanism)
         recording, of_spikes = repairs.without_spikes(recording, mechanism.joints)
@@ -179,6 +181,7 @@ def prepared(
         are = " are" if recording.base is None else ""
         notes.append(f"The {of} roll, pitch and yaw{are} {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
     resting = repairs.rests(recording, tree)
+    check_tracked(mechanism, recording, resting)
     notes += [repairs.rest_note(*each) for each in resting.items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
@@ -198,9 +201,8 @@ def prepared(
     if not measured and constant:
         raise LogError(f"{name} is constant in every channel ({', '.join(constant)}); check sensors and columns.")
     if not measured:
-        raise LogError(
-            f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(recording.unused, tree.joints)}"
-        )
+        known = " ".join([*recording.notes, *notes, suggested_mapping(recording.unused, tree.joints)])
+        raise LogError(f"{name} has neither a wrench nor a joint torque to fit. {known}")
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     axes = Axes.of(tree, recording.couplings)
     chosen = drives_of(axes, asked, range(len(tree.freedoms))) if felt else ()

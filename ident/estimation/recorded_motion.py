@@ -7,7 +7,7 @@ F is the frame of the tracker, M that of the markers on the body, and r any meas
 between the measured and the predicted one matters.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -24,7 +24,7 @@ from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
 from ident.recordings.stated import tracked_bodies
-from ident.recordings.times import Sampled, side_by_side
+from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""
@@ -185,9 +185,16 @@ class Tracked(NamedTuple):
     of_frame: str
 
 
-def check_tracked(mechanism: Mechanism, recording: Recording) -> None:
-    """Refuses tracked bodies that joints do not move, or without whole poses."""
-    bodies = tracked_bodies(mechanism.tree)
+def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collection[str]) -> None:
+    """Refuses tracked bodies that joints do not move, with too few poses, or with one pose while joints move them.
+
+    Args:
+        mechanism: The mechanism.
+        recording: The recording.
+        resting: Names of the joints that rest.
+    """
+    tree = mechanism.tree
+    bodies = tracked_bodies(tree)
     for name, tracker in recording.trackers.items():
         if tracker.body not in bodies:
             raise InputError(
@@ -202,11 +209,29 @@ def check_tracked(mechanism: Mechanism, recording: Recording) -> None:
         if (wrong := np.abs(norm - 1) > UNIT).any():
             at = int(wrong.argmax())
             raise InputError(f"'{name}_orientation' needs quaternions of norm 1; sample {at} has {norm[at]:.3g}.")
+        x = _of_tracked(recording, name).values
+        whole = x[np.isfinite(x).all(axis=1)]
+        if len(whole) < LEAST_SAMPLES:
+            raise InputError(
+                f"The tracked body '{name}' needs at least {LEAST_SAMPLES} poses, samples that have both "
+                f"{name}_position and {name}_orientation, got {len(whole)}."
+            )
+        moving = {tree.bodies[k].joint for k in tree.chain(tree.names.index(tracker.body)) if tree.bodies[k].moves}
+        if not np.ptp(whole, axis=0).any() and moving - {*resting}:
+            raise InputError(
+                f"The poses of the tracked body '{name}', {name}_position and {name}_orientation, never change, but "
+                f"joints move '{tracker.body}'. Check the columns, or leave the poses out."
+            )
+
+
+def _of_tracked(recording: Recording, name: str) -> Sampled:
+    """Positions and orientations of a tracked body, NaN where a sample is missing (N, 3 + 4)."""
+    return side_by_side([recording.as_measured(f"{name}_{kind}") for kind in ("position", "orientation")])
 
 
 def measured_poses(recording: Recording, name: str) -> Sampled:
     """Channels of a tracked body and its orientations, as for `reading`, NaN where a sample is missing (N, 6 + 12)."""
-    time, x = side_by_side([recording.as_measured(f"{name}_{kind}") for kind in ("position", "orientation")])
+    time, x = _of_tracked(recording, name)
     there, values = np.isfinite(x).all(axis=1), np.full((len(x), WIDTH + REFERENCES), np.nan)
     turned = Rotation.from_quat(x[there, 3:], scalar_first=True)
     r = (turned.mean().inv() * turned).as_rotvec()

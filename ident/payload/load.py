@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg, special
 
 from ident.annotations import NotNegative, Positive, typed
-from ident.errors import InputError
+from ident.errors import InputError, about
 from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import parameters_from_com
@@ -364,12 +364,14 @@ def identify_load(
     open_ = {"mass": heavier, "center": FAR, "inertia": heavier}
     carrier = replace(robot, prior_known={**robot.prior_known, body: open_})
     bare, carrying = (
-        [prepared(each, log, filters=False, drive=None) for log in logs]
-        for each, logs in zip((robot, carrier), several, strict=True)
+        [prepared(each, log, filters=False, drive=None, name=f"A recording {whose} the load") for log in logs]
+        for each, logs, whose in zip((robot, carrier), several, ("without", "with"), strict=True)
     )
     check_different([*bare, *carrying])
-    empty = identified(bare, **fitting)
-    full = identified(carrying, known=empty.trajectory is not None and empty.trajectory.known, **fitting)
+    with about("Recordings without the load"):
+        empty = identified(bare, **fitting)
+    with about("Recordings with the load"):
+        full = identified(carrying, known=empty.trajectory is not None and empty.trajectory.known, **fitting)
     if empty.channels != full.channels:
         raise InputError(
             f"Recordings with the load need the channels {', '.join(empty.channels)}; they have "

@@ -113,7 +113,8 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
     names = [name for name in columns if name == name.strip() and name.isprintable()]
     lines = _ground(names) or _torques(names, [joint for joint in joints if joint.isprintable()])
     plain = [" ".join(name.split()) for name in columns]
-    there = f"Besides times and joint states it has {f'the columns {listed(plain)}' if columns else 'no columns'}"
+    there = f"Besides times, joint states and what is empty it has {'the' if columns else 'no'} columns"
+    there += f" {listed(plain)}" if columns else ""
     if not lines:
         return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
     wrist = " (`multicontact columns` tells if a sensor at a wrist measures them)" if "wrenches" in lines[0] else ""
@@ -138,18 +139,12 @@ def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
 
 def _ground(names: Sequence[str]) -> list[str]:
     """Lines for the most complete wrench among the columns."""
-    wrenches = (
-        {key: name for key, name in group.items() if key[0] in PARTS} for group in wrench_groups(names).values()
-    )
-    groups = [group for group in wrenches if group]
-    if not groups:
+    groups = wrench_groups(names).values()
+    wrenches = ({key: name for key, name in group.items() if key[0] in PARTS} for group in groups)
+    if not (best := max(wrenches, key=len, default={})):
         return []
-    best = max(groups, key=len)
-    return ["[wrenches.ground]", *(f"{kind} = [{_listed(best, kind)}]" for kind in PARTS)]
-
-
-def _listed(group: dict[Component, str], kind: str) -> str:
-    return ", ".join(_quoted(group.get((kind, axis), "")) for axis in "xyz")
+    listed = {kind: ", ".join(_quoted(best.get((kind, axis), "")) for axis in "xyz") for kind in PARTS}
+    return ["[wrenches.ground]", *(f"{kind} = [{columns}]" for kind, columns in listed.items())]
 
 
 def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
@@ -157,8 +152,7 @@ def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
     torques = [name for name in names if re.search(JOINT_TORQUE, name.lower().replace("_", " "))]
     columns: dict[str, str] = {}
     for joint in sorted(joints, key=len, reverse=True):
-        own = [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]
-        if own:
+        if own := [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]:
             columns[joint] = own[0]
     if not columns and len(torques) == len(joints):
         columns = dict(zip(joints, torques, strict=True))
@@ -238,7 +232,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     for name in mapping.trackers:
         for kind, ends in (("position", "xyz"), ("orientation", "wxyz")):
             columns.setdefault(f"{TRACKED}{name}.{kind}", Columns(tuple(f"{name}_{kind}.{c}" for c in ends)))
-    if not mapping.has_base and f"{BASE}.0" in table.cells:
+    if f"{BASE}.0" in table.cells and not any(key.startswith("base.") for key in mapping.columns):
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}
     mapped = {joint: kind for joint, kind in joints.items() if f"joints.{joint}.position" in mapping.columns}
@@ -348,7 +342,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
         limit = HUGE if point else HUGE / columns.factor
         x[:, k] = table.column(name, limit, gaps=gaps or point, tame=point)
         missing = np.isnan(x[:, k])
-        if missing.all() and key.endswith((".position", ".quaternion")):
+        if missing.all() and key.endswith((".position", ".quaternion", ".orientation")):
             raise LogError(f"column '{name}' is empty, but {key} needs it.")
         if missing.any() and not point:
             much = f"in {missing.sum()} of {len(x)} samples. {AS_MEASURED}"
@@ -359,8 +353,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
 def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:
     """Unit quaternions whose signs do not jump, NaN where a component is missing (N, 4)."""
     norm = np.linalg.norm(quaternion, axis=1)
-    wrong = np.abs(norm - 1) > 0.01
-    if wrong.any():
+    if (wrong := np.abs(norm - 1) > 0.01).any():
         i = int(wrong.argmax())
         raise LogError(f"{table.row(i)}, {key} needs a norm of 1, got {norm[i]:g}.")
     return without_jumps(quaternion / norm[:, None])

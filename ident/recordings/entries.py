@@ -45,53 +45,38 @@ class Selection:
     def __bool__(self) -> bool:
         return bool(self.rows or self.time)
 
-    def of_rows(self, table: Table) -> Table:
-        """The rows of a table that are in one of the spans of rows.
-
-        Raises:
-            LogError: There is none.
-        """
-        if not self.rows:
-            return table
-        numbers = np.asarray(table.rows)
-        kept = _inside(numbers, self.rows)
-        if not kept.any():
-            there = f"{table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
-            has = f"the {table.origin} has"
-            raise LogError(f"[select] needs rows that {has}, got {_listed(self.rows)}; {has} {there}.")
-        return taken(table, kept)
-
-    def of_times(self, table: Table, seconds: np.ndarray) -> Table:
-        """The rows of a table at times in one of the spans of times.
-
-        Args:
-            table: The table.
-            seconds: Its times, s (N,).
-
-        Raises:
-            LogError: There is none.
-        """
-        if not self.time or not len(seconds):
-            return table
-        kept = _inside(seconds, self.time)
-        if not kept.any():
-            there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
-            raise LogError(f"[select] needs times that the {table.origin} has, got {_listed(self.time)}; {there}.")
-        return taken(table, kept)
-
-
-def from_first(seconds: np.ndarray) -> np.ndarray:
-    """Times of a recording (N,): counted from the first one if that is beyond `EPOCH`."""
-    return seconds - seconds[0] if len(seconds) and abs(seconds[0]) > EPOCH else seconds
-
 
 def selected(table: Table, selection: Selection, clock: Columns) -> Table:
-    """The selected rows of a table, whose times are in the column `clock`."""
-    if not selection:
-        return table
-    table = selection.of_rows(table)
-    (name,) = clock.names
-    return selection.of_times(table, from_first(table.column(name) * clock.factor)) if selection.time else table
+    """The samples of a table in one of the selected spans of rows, and in one of those of times.
+
+    Args:
+        table: The table.
+        selection: The spans; of times counted from the first one if that is beyond `EPOCH`.
+        clock: Its column of times.
+
+    Raises:
+        LogError: There is none.
+    """
+    if selection.rows:
+        numbers = np.asarray(table.rows)
+        there = f"{table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+        table = _inside(table, "rows", numbers, selection.rows, f"the {table.origin} has {there}")
+    if selection.time and len(table.rows):
+        (name,) = clock.names
+        seconds = table.column(name) * clock.factor
+        seconds -= seconds[0] if abs(seconds[0]) > EPOCH else 0.0
+        there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
+        table = _inside(table, "times", seconds, selection.time, there)
+    return table
+
+
+def _inside(table: Table, what: str, x: np.ndarray, spans: Sequence[Span], there: str) -> Table:
+    """The samples of a table where numbers (N,) are in one of some spans."""
+    kept = np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
+    if not kept.any():
+        asked = ", ".join(f"{first:g} to {last:g}" for first, last in spans)
+        raise LogError(f"[select] needs {what} that the {table.origin} has, got {asked}; {there}.")
+    return taken(table, kept)
 
 
 def taken(table: Table, kept: np.ndarray) -> Table:
@@ -102,14 +87,6 @@ def taken(table: Table, kept: np.ndarray) -> Table:
         for name, cells in table.cells.items()
     }
     return replace(table, cells=cells, rows=[table.rows[i] for i in samples])
-
-
-def _inside(x: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
-    return np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
-
-
-def _listed(spans: Sequence[Span]) -> str:
-    return ", ".join(f"{first:g} to {last:g}" for first, last in spans)
 
 
 def clock_of_rate(where: str, rate: Any) -> Columns:
@@ -161,13 +138,11 @@ def single(where: str, entry: Any, quantity: str) -> Columns:
     entry = {"constant": entry} if is_number(entry) and quantity.endswith(" position") else entry
     check_keys(where, table(where, entry), (*TERM, "unit"))
     current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
-    if current is None:
-        name, sums = _term(where, entry)
-        return Columns((name,), *factor_of(where, entry, "unit", quantity), sums)
-    if "gain" not in entry:
+    if current is not None and "gain" not in entry:
         raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
-    name, sums = _term(where, entry, current)
-    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
+    name, sums = _term(where, entry, current or 1.0)
+    unit = factor_of(where, entry, "unit", quantity) if current is None else (1.0, next(iter(UNITS[quantity])))
+    return Columns((name,), *unit, sums)
 
 
 def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:

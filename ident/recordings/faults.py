@@ -188,7 +188,9 @@ def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     out, counts = np.array(x, float), np.zeros(x.shape[1], int)
     for c in np.flatnonzero(np.isfinite(out).all(axis=0)):
-        bad = _isolated(_gross(out[:, c]))
+        bad = _gross(out[:, c])
+        for first, end in runs(bad):
+            bad[first:end] = end - first <= ISOLATED
         counts[c] = bad.sum()
         if bad.any() and not bad.all():
             out[bad, c] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), out[~bad, c])
@@ -204,14 +206,6 @@ def _gross(x: np.ndarray) -> np.ndarray:
     out = deviation > least
     far = np.flatnonzero(out)
     out[far] = deviation[far] > NORMAL_MAD * GROSS * running_median(deviation, 5 * WINDOW, far)
-    return out
-
-
-def _isolated(samples: np.ndarray) -> np.ndarray:
-    """Mask without its longer runs (N,)."""
-    out = samples.copy()
-    for first, end in runs(samples):
-        out[first:end] = end - first <= ISOLATED
     return out
 
 
@@ -310,17 +304,12 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
         x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
         if x is None or dx is None:
             continue
-        factor = rate_factor(recording.time, x, dx)
+        factor = float(rate_factors(recording.time, x[:, None], dx[:, None])[0, 0])
         if any(0.8 < abs(factor) / suspected < 1.25 for suspected in (180 / np.pi, np.pi / 180)):
             raise LogError(
                 f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of them is "
                 f"in degrees; map it with its unit under [joints.{joint}]."
             )
-
-
-def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
-    """Factor of dx to the derivative of x; 0 if the two are hardly correlated."""
-    return float(rate_factors(time, x[:, None], dx[:, None])[0, 0])
 
 
 def rate_factors(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
@@ -386,10 +375,9 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
         command = f"{body.joint}_command"
         # A command that is unwrapped may be whole turns away from its position.
         turns = 2 * np.pi * np.round(np.median(measured[command] - measured[f"{body.joint}_position"]) / (2 * np.pi))
-        if turns:
-            measured[command] = measured[command] - turns
-            if command in streams:
-                streams[command] = Sampled(streams[command].time, streams[command].values - turns)
+        measured[command] = measured[command] - turns
+        if command in streams:
+            streams[command] = Sampled(streams[command].time, streams[command].values - turns)
     scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
     return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
 

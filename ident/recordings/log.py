@@ -26,18 +26,21 @@ from ident.recordings.recording import Recording, poses
 from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.stated import annotations
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled, check_samples
 from ident.recordings.wrench import GROUND
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
+
+MappingSource = str | Path | Mapping[str, Any] | None
+"""What states a mapping of columns: a file's path, its content, or nothing."""
 
 
 @typed("path", "columns")
 def read_log(
     path: str | Path | InMemory,
     mechanism: Mechanism,
-    columns: str | Path | Mapping[str, Any] | None = None,
+    columns: MappingSource = None,
     *,
     gaps: bool = False,
     limit: int = LIMIT,
@@ -77,12 +80,7 @@ def read_log(
 
 @typed("path", "columns")
 def read_log_pieces(
-    path: str | Path,
-    mechanism: Mechanism,
-    columns: str | Path | None = None,
-    samples: int = 10_000,
-    *,
-    limit: int = LIMIT,
+    path: str | Path, mechanism: Mechanism, columns: MappingSource = None, samples: int = 10_000, *, limit: int = LIMIT
 ) -> Iterator[Recording]:
     """Reads a log piece by piece, for logs larger than memory.
 
@@ -96,7 +94,7 @@ def read_log_pieces(
     yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
 
 
-def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
+def _in_memory(source: Any, mechanism: Mechanism, columns: MappingSource, *, gaps: bool) -> Recording:
     """Recording of columns in memory, arguments as for `read_log`."""
     try:
         if (table := table_of(source)) is None:
@@ -104,13 +102,13 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -
             raise InputError(f"A log needs the path of a file, or {TYPES}; got {described(source)}.{several}")
         mapping = _mapping(columns, mechanism)
         tables = _selected([table], mapping, mechanism, sys.maxsize)
-        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps)
+        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps, clocks=False)
     except LogError as error:
         raise LogError(f"The {kind_of(source)}: {error}") from None
     return recording
 
 
-def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanism) -> ColumnMapping:
+def _mapping(columns: MappingSource, mechanism: Mechanism) -> ColumnMapping:
     """Mapping of columns from a file or its content."""
     if columns is None:
         mapping = ColumnMapping()
@@ -123,13 +121,7 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
 
 
 def _pieces(
-    path: Path,
-    mechanism: Mechanism,
-    columns: str | Path | Mapping[str, Any] | None,
-    samples: int,
-    *,
-    gaps: bool,
-    limit: int,
+    path: Path, mechanism: Mechanism, columns: MappingSource, samples: int, *, gaps: bool, limit: int
 ) -> Iterator[Recording]:
     """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
     mapping = _mapping(columns, mechanism)
@@ -150,7 +142,7 @@ def _pieces(
         at_once = sys.maxsize if mapping.selection else samples
         pieces = read_tables(path, at_once, overlap=1, limit=limit, layout=mapping.layouts[0])
         tables_of_file = _selected(pieces, mapping, mechanism, samples)
-        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps)
+        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps, clocks=False)
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
         hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
@@ -158,12 +150,7 @@ def _pieces(
 
 
 def _recordings(
-    pieces: Iterable[Sequence[Table]],
-    mechanism: Mechanism,
-    mapping: ColumnMapping,
-    *,
-    gaps: bool | None,
-    clocks: bool = False,
+    pieces: Iterable[Sequence[Table]], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool | None, clocks: bool
 ) -> Iterator[Recording]:
     """Recordings of the pieces of a log.
 
@@ -181,7 +168,7 @@ def _recordings(
             if clocks:
                 mapping = mapping_of(tables, mapping, kinds)
             else:
-                _check_length(len(tables[0].rows))
+                check_samples(len(tables[0].rows))
                 mapping = with_names(mapping, tables[0], kinds)
             mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
             kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
@@ -208,7 +195,7 @@ def _recordings(
         origins = ChainMap(*(annotations(table.metadata).get("provenance", {}) for table in reversed(tables)))
         yield replace(recording, notes=notes, unused=unused, provenance=dict(origins))
     if clock is None:
-        _check_length(0)
+        check_samples(0)
 
 
 def _selected(pieces: Iterable[Table], mapping: ColumnMapping, mechanism: Mechanism, samples: int) -> Iterator[Table]:
@@ -239,11 +226,6 @@ def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism)
     usual = {name.format(joint) for joint in mechanism.tree.still for names in KINDS.values() for name in names}
     unread = [name for name in unused if name in (*usual, *mapping.of_fixed)]
     return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
-
-
-def _check_length(samples: int) -> None:
-    if samples < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
 
 
 def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:

@@ -100,11 +100,6 @@ class ColumnMapping:
     turns: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
-    def has_base(self) -> bool:
-        """True if the base moves."""
-        return any(key.startswith("base.") for key in self.columns)
-
-    @property
     def used(self) -> set[str]:
         """Names of all columns that are mapped."""
         return {name for columns in self.columns.values() for name in columns.read}

@@ -169,8 +169,7 @@ def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
 
 
 def _in_world(where: str, entry: Mapping[str, Any]) -> np.ndarray:
-    extra = [key for key in ("quaternion", "rpy_deg", "corners", "origin") if key in entry]
-    if extra:
+    if extra := [key for key in ("quaternion", "rpy_deg", "corners", "origin") if key in entry]:
         raise LogError(f"[{where}] is in the world's axes, and '{extra[0]}' would turn them: say frame = \"plate\".")
     if "point" in entry and "position" in entry:
         raise LogError(f"[{where}] has its point in the world's frame, which leaves no use for 'position'.")

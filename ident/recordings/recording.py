@@ -16,6 +16,7 @@ from ident.display.brief import Brief, channels_frame, listed
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
+from ident.geometry.se3 import pose
 from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -181,11 +182,11 @@ class Recording(Brief):
 
     def without(self, channels: Collection[str]) -> "Recording":
         """The recording without some channels."""
-        measured, true = (
-            {name: x for name, x in values.items() if name not in channels} for values in (self.measured, self.true)
-        )
-        streams = {name: x for name, x in self.streams.items() if name not in channels}
-        return replace(self, measured=measured, true=true, streams=streams)
+        kept: dict[str, Any] = {
+            kind: {name: x for name, x in getattr(self, kind).items() if name not in channels}
+            for kind in ("measured", "true", "streams")
+        }
+        return replace(self, **kept)
 
     @property
     def without_streams(self) -> "Recording":
@@ -299,9 +300,10 @@ class Recording(Brief):
         names = [name for name in self.wrenches if name not in without]
         ground = self.wrench(GROUND) if GROUND in names or self.is_held(tree) else None
         contacts = [self.wrench(name) for name in names if name != GROUND]
-        if motion is None:
-            return total_wrench(tree, self.of_joints(tree.joints, "position"), ground, contacts, base=self.base)
-        return total_wrench(tree, motion.q, ground, contacts, base=motion.base_poses)
+        q, base = (
+            (self.of_joints(tree.joints, "position"), self.base) if motion is None else (motion.q, motion.base_poses)
+        )
+        return total_wrench(tree, q, ground, contacts, base=base)
 
     def poses(self, body: str) -> np.ndarray:
         """Pose of a body in the base frame (N, 4, 4)."""
@@ -373,7 +375,4 @@ class Recording(Brief):
 
 def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     """Poses (N, 4, 4) from positions (N, 3) and quaternions `w, x, y, z` (N, 4)."""
-    T = np.tile(np.eye(4), (len(position), 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    T[:, :3, 3] = position
-    return T
+    return pose(Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), position)

@@ -84,8 +84,7 @@ def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
     """
     columns: dict[str, Columns] = {}
     for key, used in mapping.columns.items():
-        here = [name for name in used.read if name in table.cells]
-        if not here:
+        if not (here := [name for name in used.read if name in table.cells]):
             continue
         if len(here) < len(used.read):
             other = next(name for name in used.read if name not in table.cells)
@@ -139,7 +138,12 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
     """
     if twice := [file.name for file in files if [*map(realpath, files)].count(realpath(file)) > 1]:
         raise LogError(f"a log is made of different files, but {twice[0]} is given twice.")
-    layouts, clocks = _layouts_and_clocks(files, mapping)
+    check_number(len(files), mapping)
+    layouts = list(mapping.layouts)
+    if len(layouts) == 1:
+        # A layout for all text files does not apply to other files.
+        layouts = [layouts[0] if file.name.lower().endswith(TEXT) else Layout() for file in files]
+    clocks = mapping.clocks or (mapping.columns.get(TIME),) * len(files)
     tables: list[list[Table]] = []
     for file, layout, clock in zip(files, layouts, clocks, strict=True):
         try:
@@ -148,20 +152,6 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
             raise LogError(f"{file.name}: {error}") from None
         tables.append([replace(table, word=f"{file.name} {table.word}") for table in own])
     return _from_one_zero(files, _apart(tables))
-
-
-def _layouts_and_clocks(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], list[Columns | None]]:
-    """Layout of each file, and its column of times; None to find it by name.
-
-    Raises:
-        LogError: The mapping is for another number of files.
-    """
-    check_number(len(files), mapping)
-    layouts = list(mapping.layouts)
-    if len(layouts) == 1:
-        # A layout for all text files does not apply to other files.
-        layouts = [layouts[0] if file.name.lower().endswith(TEXT) else Layout() for file in files]
-    return layouts, [*mapping.clocks] or [mapping.columns.get(TIME)] * len(files)
 
 
 def check_number(number: int, mapping: ColumnMapping) -> None:

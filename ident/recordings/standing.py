@@ -95,13 +95,7 @@ def _left_out(point: np.ndarray) -> np.ndarray:
 
 
 def _moment(
-    table: Table,
-    where: str,
-    channels: dict[str, np.ndarray],
-    plate: Plate,
-    quiet: np.ndarray,
-    threshold: float,
-    gaps: bool,
+    table: Table, where: str, channels: dict[str, np.ndarray], plate: Plate, quiet: np.ndarray, least: float, gaps: bool
 ) -> np.ndarray:
     """Moment about the frame's origin of a force at a point (N, 3); removes point and free moment from the channels."""
     measured, free = (channels.pop(f"{where}.{kind}") for kind in ("point", "free_moment"))
@@ -112,7 +106,7 @@ def _moment(
     if lost.any() and not gaps:
         raise LogError(
             f"{table.row(int(lost.argmax()))}, {where}.point is missing, as in {lost.sum()} of {len(lost)} samples "
-            f"with more than {threshold:.3g} N; with a higher 'threshold' their force counts as nothing."
+            f"with more than {least:.3g} N; with a higher 'threshold' their force counts as nothing."
         )
     known = ~np.isnan(free).all(axis=0)
     return np.where(known, free, 0.0) + np.cross(point, force)

@@ -194,8 +194,7 @@ def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
         if "time" not in table.cells:
             raise LogError(f"a recording needs a column 'time'; {table.available()}.")
         channels = table.channels()
-        increases = np.diff(channels["time"], prepend=last) > 0
-        if not increases.all():
+        if not (increases := np.diff(channels["time"], prepend=last) > 0).all():
             raise LogError(f"{table.row(int(np.argmin(increases)))}, column 'time' needs to increase.")
         last = channels["time"][-1]
         yield _fields(channels, table.metadata)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.table import BASE, Table
+from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
 from ident.recordings.entries import EPOCH
 from ident.recordings.stated import untracked
@@ -119,8 +120,7 @@ def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> 
         rate = max(joints, default=rates.get(BASE, 0.0))
     if not 0 < rate < np.inf:
         raise LogError(f"Streams need a positive rate in Hz for the times that they have in common, got {rate}.")
-    spans = {k: span for k, x in streams.items() if (span := covered(x)) is not None}
-    if not spans:
+    if not (spans := {k: span for k, x in streams.items() if (span := covered(x)) is not None}):
         raise LogError("Streams need samples, there is none.")
     latest, soonest = max(spans, key=lambda k: spans[k][0]), min(spans, key=lambda k: spans[k][1])
     start, end = spans[latest][0], spans[soonest][1]
@@ -168,10 +168,8 @@ def interpolated_poses(stream: Sampled, time: np.ndarray) -> np.ndarray:
     if stream.columns.shape[1] != 16 or there.sum() < 2 or not is_rigid(stream.columns[there].reshape(-1, 4, 4)):
         raise LogError(f"The stream '{BASE}' needs rigid poses (N, 16), row by row, got shape {stream.values.shape}.")
     poses, own = stream.columns[there].reshape(-1, 4, 4), stream.time[there]
-    out = np.tile(np.eye(4), (len(time), 1, 1))
-    out[:, :3, :3] = Slerp(own, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(time, own[0], own[-1])).as_matrix()
-    out[:, :3, 3] = interpolated(Sampled(own, poses[:, :3, 3]), time)
-    return out
+    turned = Slerp(own, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(time, own[0], own[-1]))
+    return pose(turned.as_matrix(), interpolated(Sampled(own, poses[:, :3, 3]), time))
 
 
 def between_samples(stream: Sampled, time: np.ndarray, reach: float) -> np.ndarray:
@@ -329,8 +327,7 @@ class Clock:
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
         """Sets start and step from the first piece."""
         (name,) = self.column.names
-        if len(time) < LEAST_SAMPLES:
-            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples at different times, it has {len(time)}.")
+        check_samples(len(time), " at different times")
         self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
         if abs(self.start) > EPOCH:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
@@ -340,6 +337,12 @@ class Clock:
                 f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
                 f'it, as in time = {{ column = "{name}", unit = "ms" }}.{POSES if self.step >= SLOW else ""}'
             )
+
+
+def check_samples(number: int, which: str = "") -> None:
+    """Refuses fewer samples than a log needs, perhaps of some of them."""
+    if number < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples{which}, it has {number}.")
 
 
 def check_jumps(what: str, time: np.ndarray, step: float) -> None:
@@ -394,7 +397,7 @@ def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
         return grid
     first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)
     inside = grid[(grid >= max(first)) & (grid <= min(last))]
-    _check_covered(inside)
+    check_samples(len(inside), " that all columns cover")
     return inside
 
 
@@ -424,10 +427,5 @@ def together(streams: dict[str, Sampled]) -> Repaired:
     for key, stream in streams.items():
         check_jumps(f"the time of {key}", stream.time, 1 / rate)
     common = uniform_times(untracked(streams), rate)
-    _check_covered(common)
+    check_samples(len(common), " that all columns cover")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
-
-
-def _check_covered(time: np.ndarray) -> None:
-    if len(time) < LEAST_SAMPLES:
-        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(time)}.")

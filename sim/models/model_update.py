@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
+from ident.display.bodies import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
@@ -215,6 +216,7 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     members, changed = _members(origin, update.phi), changed_drives(origin.model, update.drives)
     spec = specification(source, origin.packages)
     overriding = overrides(spec)
+    new = {b for b, own in members.items() if differs(own, body_parameters(origin.model, b))}
     inertials = _inertials(spec, origin, update.phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
@@ -223,16 +225,14 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     else:
         file = ModelFile(Path(source), text_of(Path(source)))
         if not overriding:
-            inertials = {
-                b: inertials[b] for b, own in members.items() if differs(own, body_parameters(origin.model, b))
-            }
+            inertials = {b: inertials[b] for b in new}
     root, bodies = file.root, bodies_of(file.root)
     names = {b: body_name(origin.model, b) for b, own in members.items() if own.any()}
     comments = {b: update.comments[name] for b, name in names.items() if name in update.comments}
     for b, inertial in inertials.items():
         _state(bodies[b], inertial, stated_parts(members[b], short=True) if b in comments else None)
-    for b, text in comments.items():
-        set_comment(bodies[b], text)
+    for b in new | comments.keys():
+        set_comment(bodies[b], INTERVALS, comments.get(b, ""))
     if overriding:
         remove_overrides(root)
     ids = {body_name(origin.model, b): b for b in range(origin.model.nbody)}

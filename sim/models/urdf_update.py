@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.display.bodies import INTERVALS
 from sim.models.inertials import Update, shortened, stated_parts
 from sim.models.xml_files import SAME, ModelFile, digits, restated, set_comment, text_of
 
@@ -37,9 +38,9 @@ def updated_urdf(
     )
     for name, phi in links.items():
         _state(of_links[name], phi, short=name in update.comments)
-    for name, comment in update.comments.items():
+    for name in links.keys() | update.comments.keys():
         if (inertial := of_links[name].find("inertial")) is not None:
-            set_comment(inertial, comment)
+            set_comment(inertial, INTERVALS, update.comments.get(name, ""))
     for name, attributes in dynamics.items():
         values = {key: [value] for key, value in attributes.items()}
         _set(of_joints[name], 0, "dynamics", values, max(map(abs, attributes.values())))

@@ -121,7 +121,7 @@ class ModelFile:
 
     Attributes:
         root: Its root element, comments kept. Attributes, comments, and texts of elements without children may change,
-            attributes may be removed, and elements and comments inserted.
+            attributes may be removed, and elements and comments inserted. A comment whose text is None is removed.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
@@ -212,12 +212,14 @@ class ModelFile:
             return self._with_words(data[at : place.end], place.text, element.text or "")
         blank, parts = _BLANK.match(data, at, place.end), list[bytes]()
         for child in element:
+            gone = callable(child.tag) and child.text is None
             if (own := self._places.get(child)) is not None:
-                parts.append(data[at : own.start])
+                before = data[at : own.start]
+                parts.append(before.rstrip() if gone else before)
                 at = own.end + len(own.tail)
             elif blank is not None:
                 parts.append(blank[0])
-            parts.append(self._written(child))
+            parts.append(b"" if gone else self._written(child))
         return b"".join([*parts, data[at : place.end]])
 
     def _with_words(self, stated: bytes, old: str, new: str) -> bytes:
@@ -236,14 +238,14 @@ class ModelFile:
         return escape(text, {'"': "&quot;"}).encode(self._encoding, "xmlcharrefreplace")
 
 
-def set_comment(element: ET.Element, text: str) -> None:
-    """Puts a comment first into an element, or in place of one in it that begins alike."""
-    begin = text.partition(":")[0]
+def set_comment(element: ET.Element, begin: str, text: str) -> None:
+    """Puts a comment first into an element, or in place of one in it that has this beginning; "" removes that."""
     for remark in element:
-        if callable(remark.tag) and (remark.text or "").partition(":")[0].strip() == begin:
-            remark.text = f" {text} "
+        if callable(remark.tag) and (remark.text or "").strip().startswith(begin):
+            remark.text = f" {text} " if text else None
             return
-    element.insert(0, ET.Comment(f" {text} "))
+    if text:
+        element.insert(0, ET.Comment(f" {text} "))
 
 
 def digits(numbers: Iterable[float]) -> str:

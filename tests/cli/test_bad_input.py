@@ -36,6 +36,16 @@ TEXTS = {
     "empty.csv": "",
     "words.csv": "hello\n",
     "two.csv": "time,a\n1,2\n2,3\n",
+    "once.csv": "time,a,b\n1,2,3\n",
+    **{
+        f"{name}.csv": "time,a,b\n" + "".join(f"{time(k)},{k % 3},{k % 5}\n" for k in range(50))
+        for name, time in {
+            "back": lambda k: k % 20,
+            "hours": lambda k: f"12:00:{k:02}",
+            "hole": lambda k: k if k != 30 else "",
+            "stopped": lambda k: max(k - 40, 0),
+        }.items()
+    },
     "timeless.csv": "a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)),
     "file": "in the way",
     "nobody.toml": '[joints.nobody]\nposition = "q"\n',
@@ -150,6 +160,11 @@ REFUSED = [
     ("columns pendulum.xml empty.csv --base base", "the file is empty"),
     ("columns pendulum.xml words.csv --base base", "needs a table with two columns of numbers"),
     ("columns pendulum.xml timeless.csv --base base", "no column of it grows as times do"),
+    ("columns pendulum.xml once.csv --base base", "once.csv: a log needs at least 10 samples, it has 1."),
+    ("columns pendulum.xml back.csv --base base", "as times do: row 22, column 'time' goes back in time; a log"),
+    ("columns pendulum.xml hours.csv --base base", "do: row 2, column 'time' needs a number, got '12:00:00'; a log"),
+    ("columns pendulum.xml hole.csv --base base", "as times do: row 32, column 'time' is empty; a log"),
+    ("columns pendulum.xml stopped.csv --base base", "as times do: column 'time' repeats most of its times; a log"),
     ("columns pendulum.xml log.csv --base base --out log.csv --force", "is read; choose another by --out"),
     ("compare a a", "needs two or more different folders"),
     ("compare a absent", "needs to hold results of identify, but estimate.json: No such file or directory."),

@@ -151,8 +151,12 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
     payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=group.name)
     assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
     path.write_text(text({name: x for name, x in columns.items() if name not in group.entries["torque"].value}))
-    (alone,) = believed(ROBOT, [path]).groups.values()
-    assert "position" not in alone.entries
+    belief = believed(ROBOT, [path])
+    (alone,) = belief.groups.values()
+    assert "position" not in alone.entries and alone.is_doubtful
+    assert any("a remark without all six components, which `payload` needs" in note for note in belief.notes)
+    assert command.main([str(model), str(path), "--force"]) == 0
+    assert "multicontact payload" not in capsys.readouterr().out
 
 
 def test_markers_lead_to_the_angles(tmp_path, capsys):

@@ -145,6 +145,11 @@ def test_bodies_are_written_with_their_intervals_and_short_numbers(written, text
         arm = mechanism(out, base)
         for ours, theirs in zip(arm.known.reshape(-1, 10), full.phi.reshape(-1, 10), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-4 * abs(theirs).max())
+    again = path.with_name(f"again_{name}")
+    write_model(again, arm, arm.known)
+    assert len(COMMENT.findall(again.read_text(encoding="utf-8"))) == len(arm.bodies)
+    write_model(again, arm, 1.01 * arm.known)
+    assert not COMMENT.search(again.read_text(encoding="utf-8"))
     arm = mechanism(path, base)
     write_model(out, arm, full.phi)
     assert not COMMENT.search(out.read_text(encoding="utf-8"))
@@ -222,7 +227,11 @@ def test_of_mjcf_only_inertias_that_change_are_written(odd):
 
 
 def with_comment(root):
-    set_comment(root, "new: 2")
+    set_comment(root, "new", "new: 2")
+
+
+def without_comment(root):
+    set_comment(root, "new", "")
 
 
 @pytest.mark.parametrize(
@@ -233,6 +242,8 @@ def with_comment(root):
         ("<a b='&#49; &lt;  &#50;'/>", lambda r: r.set("b", "1 > 2"), "<a b='&#49; &gt;  &#50;'/>"),
         ("<a>\r\n <b/>\r\n</a>", with_comment, "<a>\r\n <!-- new: 2 -->\r\n <b/>\r\n</a>"),
         ("<a><b/><!--new: 1--> </a>", with_comment, "<a><b/><!--new: 2--> </a>"),
+        ("<a>\n <b/>\n <!--new: 1--><!---->\n</a>", without_comment, "<a>\n <b/><!---->\n</a>"),
+        ("<a><b/></a>", without_comment, "<a><b/></a>"),
         ("<a><!-- old --><!-- new : 1 --></a>", with_comment, "<a><!-- old --><!-- new: 2 --></a>"),
         ("<a><b> 1  2 </b></a>", lambda r: setattr(r[0], "text", "1 3"), "<a><b> 1  3 </b></a>"),
         ("<a><b/></a>", lambda r: setattr(r[0], "text", "1 < 3"), "<a><b>1 &lt; 3</b></a>"),

@@ -260,4 +260,13 @@ def test_what_all_logs_differ_by_is_said_of_all():
     assert not agreed.differ.any() and agreed.spread > 10
     outcomes = [LogOutcome(f"{k}", f"{k}", "usable") for k in range(12)]
     sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
-    assert doubt and "differ from each other by" in sentence and "None stands out" in sentence
+    assert doubt == "Differ" and "differ from each other by" in sentence and "None stands out" in sentence
+
+
+def test_copies_of_a_log_do_not_agree():
+    values, covariances = drawn(np.random.default_rng(3), 3)
+    agreed = agreement([*values, values[1]], [*covariances, MIXED])
+    outcomes = [LogOutcome(f"run{k}", f"{k}", "usable", values=x) for k, x in enumerate([*values, values[1]])]
+    sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
+    assert doubt == "Copies" and sentence.startswith("run3 has the estimate of another log to the last digit.")
+    assert batch_report.verdict(outcomes[:3], agreement(values, covariances), ("base", "shank"))[1] == ""

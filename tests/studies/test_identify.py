@@ -23,10 +23,12 @@ from experiments.document.writer import Card
 from experiments.reports import identify_report
 from experiments.studies.user_files import prepare
 from ident.estimate import Estimate
+from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.judgement.finding import Finding
 from ident.recordings.recording import Recording
+from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -255,6 +257,18 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     assert "--columns" in message and len(lines) == 3
     result = result_of(tmp_path, unnamed, mapping="\n".join(lines), **WEIGHTED)
     np.testing.assert_array_equal(result.prepared.samples.measured, log.wrench("ground").values)
+
+
+def test_channels_without_numbers_are_named(tmp_path, capsys):
+    log, none = recording(), np.full(len(recording().time), np.nan)
+    commands = {"joint1_command": none, "joint2_command": none}
+    assert identify.main(given(tmp_path, with_channels(log, **commands), "--verbose", "--estimator", "weighted")) == 0
+    assert "Column 'joint1_command' (joints.joint1.command) is empty" in " ".join(capsys.readouterr().out.split())
+    kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
+    message = refusal(identify.main, given(tmp_path, Recording(log.time, kept | commands)), capsys)
+    assert "Column 'joint1_command' (joints.joint1.command) is empty" in message
+    own = prepared(mechanism(PENDULUM, base="base"), Recording(log.time, log.measured | commands))
+    assert "Left out, since they have no numbers: joint1_command, joint2_command." in own.notes
 
 
 def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():

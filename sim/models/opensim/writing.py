@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.display.bodies import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
@@ -48,8 +49,8 @@ def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
         if own.any() and not is_physical(own):
             raise InputError(f"The parameters of '{name}' are not those of a physical body.")
         _state(before[name], own, short=name in update.comments)
-    for name, comment in update.comments.items():
-        set_comment(before[name], comment)
+    for name in changed.keys() | update.comments.keys():
+        set_comment(before[name], INTERVALS, update.comments.get(name, ""))
     links = {link.child.body: link for link in links_in_order(model, frames)} if update.displaced else {}
     for name, shift in update.displaced.items():
         _displace(origin.path, links[name], shift)
