@@ -16,9 +16,9 @@ from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.judgement.residuals import coefficients, correlated_samples
-from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
@@ -201,13 +201,16 @@ def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -
 
 def _mounted(mechanism: Mechanism) -> Iterator[int]:
     """Yields bodies with mass that are fixed to a moving one, such as tools, and may have been absent."""
-    tree, moved = mechanism.tree, list[bool]()
-    for i, body in enumerate(tree.bodies):
-        carried = body.parent != BASE and moved[body.parent]
-        moved.append(body.moves or carried)
-        heavy = i in tree.inertial and mechanism.known[10 * tree.inertial.index(i)] > 0
-        if carried and not body.moves and heavy:
+    tree = mechanism.tree
+    moved = moved_bodies(tree)
+    for i, mass in zip(tree.inertial, mechanism.known[::10], strict=True):
+        if i in moved and not tree.bodies[i].moves and mass > 0:
             yield i
+
+
+def moved_bodies(tree: Tree) -> set[int]:
+    """Indices of the bodies that do not rest in the base: those that joints move, and what these carry."""
+    return {k for i, body in enumerate(tree.bodies) if body.moves for k in tree.carried(i)}
 
 
 def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:

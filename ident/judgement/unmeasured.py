@@ -9,14 +9,13 @@ counts as missing only as far as both motions require it.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import applied, coAd
-from ident.judgement.checks import NEAR, ContactCheck, NotCheckedError, check_contact, predicted_wrench, upward
+from ident.judgement.checks import NEAR, NotCheckedError, check_contact, predicted_wrench, upward
 from ident.recordings.faults import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
@@ -33,36 +32,13 @@ only. In 8 of 648 simulated recordings without contacts something would be detec
 periods; a foot beside the plates, in four recordings of a person who walks, is detected for 1.0 to 1.5."""
 
 
-class Unmeasured(NamedTuple):
-    """A contact that is not measured.
-
-    Attributes:
-        start: First time, s.
-        end: Last time, s.
-        carries: Largest part of the weight that it carries.
-        contact: Likely place; None where not all six components of the wrench are measured.
-    """
-
-    start: float
-    end: float
-    carries: float
-    contact: ContactCheck | None
-
-    @property
-    def body(self) -> str | None:
-        """Body that the contact is likely on; None if no force on or near one explains most of the missing moment."""
-        at = self.contact
-        return at.body if at and (at.explained > 0.8 or at.distance < NEAR) else None
-
-
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """Recording without the samples in which an unmeasured contact carries weight."""
-    contacts = unmeasured_contacts(prepared)
-    return replace(prepared, left_out=tuple(LeftOut(*each[:3], each.body) for each in contacts))
+    return replace(prepared, left_out=unmeasured_contacts(prepared))
 
 
-def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
-    """Unmeasured contacts, detected by missing support; none where the weight is not measured, or of single poses."""
+def unmeasured_contacts(prepared: Prepared) -> tuple[LeftOut, ...]:
+    """Spans with unmeasured contacts, detected by missing support; none where no weight is measured, or of poses."""
     if prepared.recording.still:
         return ()
     try:
@@ -94,8 +70,8 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
         if last - first >= shortest and largest > limit:
             times = prepared.recording.time[max(0, first - reach) : last + reach]
             residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-            contact = _contact(prepared, slice(first, last), residual, up[first:last])
-            contacts.append(Unmeasured(float(times[0]), float(times[-1]), largest / (heavier * weight), contact))
+            body = _body(prepared, slice(first, last), residual, up[first:last])
+            contacts.append(LeftOut(float(times[0]), float(times[-1]), largest / (heavier * weight), body))
     return tuple(contacts)
 
 
@@ -156,12 +132,17 @@ def _limit(missing: np.ndarray, least: float) -> float:
     return max(least, 6 * spread, 2 * float(-missing.min()))
 
 
-def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:
+def _body(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> str | None:
+    """Body that a contact is likely on; None if no force on or near one explains most of the missing moment.
+
+    None as well where not all six components of the wrench are measured.
+    """
     if not np.isfinite(residual).all():
         return None
     in_base, unloaded = applied(coAd(prepared.frame), residual), _unloaded(prepared, part)
     q, up_in_base = prepared.samples.motion.q[part], up @ prepared.frame[:3, :3].T
-    return check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
+    contact = check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
+    return contact.body if contact.explained > 0.8 or contact.distance < NEAR else None
 
 
 def _unloaded(prepared: Prepared, part: slice) -> set[str]:
