@@ -49,20 +49,8 @@ TASKS = {
 }
 """Tasks compared on every mechanism. Before them, models are built, equations recorded, and states laid out."""
 
-LARGEST = 1_000_000
-"""Largest N b for which the whole identification is compared; np.linalg.lstsq takes minutes and gigabytes beyond."""
-
-PIECE = 100_000
-"""Samples in a piece of a stream."""
-
-CHAIN, LINKS = "arm", 30_000
-"""Name of the arms of increasing length, and the largest number of their bodies times samples."""
-
-AGREEMENT = 1e-7
-"""Largest difference between our results and theirs, relative to the largest element."""
-
-MOST = 51
-"""Largest number of repetitions."""
+CHAIN = "arm"
+"""Name of the arms of increasing length."""
 
 Way = Callable[[], object]
 Row = dict[str, Any]
@@ -70,7 +58,23 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Effort:
-    """Durations and sizes: shortest seconds and repetitions of a comparison, and numbers of samples, trials, bodies."""
+    """Durations and sizes of comparisons.
+
+    Attributes:
+        seconds: Shortest time of a comparison, s.
+        least: Smallest number of repetitions.
+        most: Largest number of repetitions.
+        sizes: Numbers of samples.
+        solved: Largest N b for which the whole identification is compared; np.linalg.lstsq takes minutes and gigabytes
+            beyond.
+        streamed: Samples of a stream.
+        piece: Samples in a piece of a stream.
+        trials: Number of Monte Carlo trials.
+        samples: Samples of each trial.
+        bodies: Numbers of bodies of arms.
+        links: Largest number of such bodies times samples.
+        linearised: Samples of a linearised recording.
+    """
 
     seconds: float = 0.5
     least: int = 3
@@ -80,19 +84,23 @@ class Effort:
     samples: int = paper.SAMPLES
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
     linearised: int = 200
+    most: int = 51
+    solved: int = 1_000_000
+    piece: int = 100_000
+    links: int = 30_000
 
 
 QUICK = Effort(0.01, 3, (100, 300), 5000, 2, 50, (3, 10), 50)
 """Enough to check that everything runs."""
 
 
-def alternating(ways: Sequence[Way], seconds: float, least: int) -> np.ndarray:
+def alternating(ways: Sequence[Way], effort: Effort) -> np.ndarray:
     """Times of several ways in turns, after one warm-up of each, s (repetitions, ways)."""
     for way in ways:
         way()
     rounds: list[list[float]] = []
     start = time.perf_counter()
-    while len(rounds) < least or (time.perf_counter() - start < seconds and len(rounds) < MOST):
+    while len(rounds) < effort.least or (time.perf_counter() - start < effort.seconds and len(rounds) < effort.most):
         rounds.append([_timed(way) for way in ways])
     return np.array(rounds)
 
@@ -115,9 +123,7 @@ def compared(
         with compiled.switched(False):
             return pair[0]()
 
-    measured = alternating(
-        [*pair, *[plain] * (compiled.available() and peer == PINOCCHIO_NAME)], effort.seconds, effort.least
-    )
+    measured = alternating([*pair, *[plain] * (compiled.available() and peer == PINOCCHIO_NAME)], effort)
     measured[:, [0, *range(2, measured.shape[1])]] /= times
     ours, theirs, *numpy = np.median(measured, axis=0).tolist()
     each = measured[:, 1] / measured[:, 0]
@@ -130,10 +136,10 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
     """Checks that two results of one task agree.
 
     Raises:
-        ValueError: They differ by more than `AGREEMENT`.
+        ValueError: They differ by more than 1e-7 of the largest element.
     """
     error = abs(ours - theirs).max() / abs(theirs).max()
-    if not error < AGREEMENT:
+    if not error < 1e-7:
         raise ValueError(f"Only what gives the same result is timed; {what}: results differ by {error:.1e}.")
 
 
@@ -161,7 +167,7 @@ def on_mechanisms(effort: Effort) -> Iterator[Row]:
             AGAIN: (partial(mechanism.regressor, samples, out=mechanism.regressor(samples)), loop),
             ACCUMULATION: (partial(accumulate, mechanism.equations, samples), loop),
         }
-        if number * len(mechanism.tree.bodies) <= LARGEST:
+        if number * len(mechanism.tree.bodies) <= effort.solved:
             pairs[ALL_COLUMNS] = own, lambda loop=loop, w=measured: solved(loop(), w)  # type: ignore[misc]
             pairs[BASE_COLUMNS] = own, lambda loop=loop, w=measured, k=kept: solved(loop(), w, k)  # type: ignore[misc]
         for task, pair in pairs.items():
@@ -181,7 +187,7 @@ def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
 def of_arms(effort: Effort) -> Iterator[Row]:
     """The regressor of arms of increasing length; so few samples do not determine their parameters."""
     for bodies in effort.bodies:
-        arm, number = subject(CHAIN, subjects.chain(bodies)), min(effort.sizes[-2], LINKS // bodies)
+        arm, number = subject(CHAIN, subjects.chain(bodies)), min(effort.sizes[-2], effort.links // bodies)
         motion = Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1)))
         samples, peer = Samples(motion, np.zeros((number, 6))), Pinocchio(arm.tree, STANDARD_GRAVITY)
         pair = (
@@ -195,7 +201,7 @@ def of_pieces(effort: Effort) -> Iterator[Row]:
     """Accumulation of pieces in memory beside the loop, which fills a matrix for one piece at a time."""
     pendulum = double_pendulum()
     samples, peer = pendulum.samples(effort.streamed), Pinocchio(pendulum.tree, STANDARD_GRAVITY)
-    pieces = [samples[k : k + PIECE] for k in range(0, effort.streamed, PIECE)]
+    pieces = [samples[k : k + effort.piece] for k in range(0, effort.streamed, effort.piece)]
     states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:

@@ -40,25 +40,13 @@ SHOWN = (10.0, 16.0)
 CONTACT = "handle"
 """The contact in the animation: a hand at the end of the second link."""
 
-FRAMES_PER_SECOND = 10
-
 WINDOW = (1.7, 7.7)
 """Times in the animation, s."""
 
-METRES_PER_NEWTON = 1 / 500
-
-CHANNEL = 3
-"""τ_x, the moment about the joints' axes."""
-
 GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
 
-LOAD, PLACE = 0.5, (0.06, 0.12, 0.0)
-"""Mass, kg, and centre in the tool's frame, m, of the load: a ball with a radius of 30 mm."""
-
-RADIUS = 0.03
-
-SAMPLES, SEED = 1200, 2
-"""12 s at 100 Hz."""
+LOAD, PLACE, RADIUS = 0.5, (0.06, 0.12, 0.0), 0.03
+"""Mass, kg, centre in the tool's frame, m, and radius of the load, a ball, m."""
 
 
 def result_picture() -> str:
@@ -129,7 +117,8 @@ def save_animation(result: SimulatedStudy, path: Path) -> None:
         path: The file.
     """
     first, last = np.searchsorted(result.recording.time, WINDOW)
-    writer, points = PillowWriter(FRAMES_PER_SECOND), _points(result)
+    per_second, points = 10, _points(result)
+    writer = PillowWriter(per_second)
     # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
     ground = result.recording.wrench("ground").values
     forces = np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
@@ -138,7 +127,7 @@ def save_animation(result: SimulatedStudy, path: Path) -> None:
         side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
         cursor = _draw_curves(curves, result)
         with writer.saving(figure, temporary, dpi=100):
-            for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):
+            for sample in range(int(first), int(last), round(result.recording.rate / per_second)):
                 _draw_side(side, points[sample], forces[sample])
                 cursor.set_xdata([result.recording.time[sample]] * 2)
                 writer.grab_frame()
@@ -171,19 +160,20 @@ def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
         ("hand", points[2], forces[1], HAND, -0.48),
     ):
         arrow = {"arrowstyle": "-|>,head_width=0.3", "color": color, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", start + METRES_PER_NEWTON * force, start, arrowprops=arrow, annotation_clip=False)
+        # 500 N are a metre long.
+        ax.annotate("", start + force / 500, start, arrowprops=arrow, annotation_clip=False)
         ax.text(0.2, height, f"{name}: {np.hypot(*force):.0f} N", color=color, fontsize=9)
 
 
 def _draw_curves(ax: Axes, result: SimulatedStudy) -> Line2D:
     """Draws the moment about X over time, from the ground, with the hand, and predicted; returns the cursor."""
-    time, (symbol, unit) = result.recording.time, figures.SYMBOLS[CHANNEL]
+    time, (symbol, unit) = result.recording.time, figures.SYMBOLS[3]
     for label, wrench, line in (
         ("ground", result.recording.wrench("ground").values, figures.Line(GROUND, 1.0)),
         ("ground and hand", result.measured.values, figures.Line(TOTAL, 2.2)),
         (r"predicted, $Y\psi$", result.fit("contact").predicted, figures.Line(ESTIMATE, 1.2, "--")),
     ):
-        ax.plot(time, wrench[:, CHANNEL], color=line.color, lw=line.width, ls=line.style, label=label)
+        ax.plot(time, wrench[:, 3], color=line.color, lw=line.width, ls=line.style, label=label)
     ax.set(xlim=WINDOW, xlabel="Time (s)", ylabel=f"${symbol}$ ({unit})")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3, handlelength=1.4, columnspacing=1.0, fontsize=7)
     return ax.axvline(WINDOW[0], color="0.5", lw=1)
@@ -202,10 +192,10 @@ def loaded_arm() -> mujoco.MjSpec:
     return spec
 
 
-def save_log(path: Path) -> None:
-    """Writes angles, torques and the wrench of the plate, along sums of sinusoids, as a robot's controller would."""
-    motion = sinusoids(np.random.default_rng(SEED), 4, SAMPLES / 100)
-    log = simulate(loaded_arm(), motion, samples=SAMPLES, seed=SEED)
+def save_log(path: Path, samples: int = 1200, seed: int = 2) -> None:
+    """Writes angles, torques and the wrench of the plate at 100 Hz, along sums of sinusoids, as a controller would."""
+    motion = sinusoids(np.random.default_rng(seed), 4, samples / 100)
+    log = simulate(loaded_arm(), motion, samples=samples, seed=seed)
     columns, formats = {"time": log.time}, ["%.2f"]
     for name, values in log.measured.items():
         kind = name.rpartition("_")[2]

@@ -38,12 +38,6 @@ PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 TILTED = f"{PENDULUM}, tilted"
 """Name of the double pendulum with tilted axes."""
 
-NOISE = 0.1
-"""Standard deviation of the noise on the wrench, N and N m."""
-
-STEP, PER_KNOT = 0.01, 5
-"""Time between samples, s, and samples between knots."""
-
 DRIVES = "rotor", "viscous", "coulomb"
 """Kinds of the drives' columns."""
 
@@ -69,11 +63,11 @@ class Subject(Mechanism):
         return find_base_parameters(self, sensors=Sensors(moving_base=self.moving))
 
     def samples(self, number: int, seed: int = 0) -> Samples:
-        """Samples with states of unit variance, and the wrench of random parameters with noise of `NOISE`."""
+        """Samples with states of unit variance, and the wrench of random parameters with noise of 0.1 N and N m."""
         rng = np.random.default_rng(seed)
         q, dq, ddq = rng.normal(size=(3, number, len(self.tree.freedoms)))
         base = BaseMotion.from_free_joint(*(rng.normal(size=(number, k)) for k in (7, 6, 6))) if self.moving else None
-        samples = Samples(Motion(q, dq, ddq, base), NOISE * rng.normal(size=(number, 6)))
+        samples = Samples(Motion(q, dq, ddq, base), 0.1 * rng.normal(size=(number, 6)))
         psi = rng.normal(size=self.parameters.rank)
         for start in range(0, number, CHUNK):
             part = samples[start : start + CHUNK]
@@ -174,8 +168,9 @@ def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[],
     measurement = torques_of(humanoid())
     rng = np.random.default_rng(0)
     n, channels, p = measurement.coordinates, len(measurement.equations.channels), len(measurement.names)
-    time = STEP * np.arange(samples)
-    spline = Spline.over(time[0], time[-1], STEP * PER_KNOT)
+    step, per_knot = 0.01, 5
+    time = step * np.arange(samples)
+    spline = Spline.over(time[0], time[-1], step * per_knot)
     coefficients, theta, wrenches = rng.normal(size=(spline.size, n)), rng.normal(size=p), np.zeros((samples, 2, 0))
     noise = Noise(
         states=np.full(n, 0.01),

@@ -139,9 +139,6 @@ VALIDATION = "validation.json"
 KNOWN = "Estimates less true values in half-widths of their 95 % intervals, by system"
 """Words for a picture."""
 
-WIDTH = 140
-"""Characters of a line of text."""
-
 
 def validated_numbers(root: Path) -> dict[str, Any]:
     """Key numbers for docs/validation.md: those of `results/validate`, or else the current ones.
@@ -219,7 +216,7 @@ def summary_blocks(study: Study) -> dict[str, str]:
         "inside their 95 % intervals: friction changes from trial to trial. Where the verdict is 'unusable', "
         f"{held['unusable']} are."
     )
-    return {name: f"{fill(each, WIDTH)}\n" for name, each in (("known", truth_lines(study)[0]), ("validation", text))}
+    return {name: f"{fill(each, 140)}\n" for name, each in (("known", truth_lines(study)[0]), ("validation", text))}
 
 
 if __name__ == "__main__":

@@ -9,12 +9,6 @@ from scipy import special
 
 from ident.judgement.agreement import UNLIKELY
 
-ROUNDS = 20
-"""Largest number of repetitions; trials with up to half of the logs set apart took three."""
-
-TINY = 1e-12
-"""Least eigenvalue of a correlation matrix, below which it is rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class LogAgreement:
@@ -66,7 +60,8 @@ def agreement(values: Sequence[Mapping[str, float]], covariances: Sequence[np.nd
     z2 = ((x - np.median(x, axis=0)) ** 2 / variances).mean(axis=1)
     agree = np.zeros(len(x), bool)
     agree[np.argsort(z2, kind="stable")[: (len(x) + 1) // 2]] = True
-    for _ in range(ROUNDS):
+    # Trials with up to half of the logs set apart took three rounds.
+    for _ in range(20):
         difference, spans, chi2 = _from_others(x, covariance, precision, agree)
         spread2 = max(1.0, float(np.median(chi2) / special.chdtri(len(names), 0.5)))
         before, agree = agree, special.chdtrc(len(names), chi2 / spread2) > UNLIKELY / len(x)
@@ -95,7 +90,8 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of a covariance or precision (r, r), whose parameters may differ in size by many powers of ten."""
     size = np.sqrt(np.diag(matrix))
     eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(eigenvalues, TINY)) @ vectors.T) / np.outer(size, size)
+    # Smaller ones of a correlation matrix are rounding.
+    return np.asarray((vectors / np.maximum(eigenvalues, 1e-12)) @ vectors.T) / np.outer(size, size)
 
 
 @dataclass(frozen=True)

@@ -11,23 +11,8 @@ from ident.judgement.candidates import about_best
 from ident.judgement.verdict import PRECISIONS
 from ident.tolerances import POOR
 
-HEAD, HEIGHT, HIGHEST, LOWEST = 34, 240, 33, 6
-"""Height of the legend, of the rows below it together, and largest and smallest height of a row, pixels."""
-
-LABELLED = 12
-"""Height of rows from which each has its label; of lower ones the first of so many has one."""
-
-LETTERS = 15
-"""Largest number of letters of a label, of 12 pixels."""
-
 LEAST = 0.01
 """Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
-
-BEYOND = 2
-"""Errors over the half-widths of their intervals from which on they are drawn at the end of the axis."""
-
-WIDE, HIGH, POINTS = 300, 78, 300
-"""Width and height of the curves, and their largest number of points, about one for each pixel."""
 
 
 @dataclass(frozen=True)
@@ -98,39 +83,49 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
     return _drawn("parameters", shown, [*known], total, [*kinds.values()], *_rows([*bodies]))
 
 
-def coverage(errors: Mapping[str, np.ndarray], what: str) -> str:
-    """A row for each name, with a dot for each parameter: `what`, an error or difference, over half of its interval."""
+def coverage(errors: Mapping[str, np.ndarray], what: str, beyond: int = 2) -> str:
+    """A row for each name, with a dot for each parameter: `what`, an error or difference, over half of its interval.
+
+    Dots from `beyond` on are at the end of the axis.
+    """
     shown = {}
     for name, own in errors.items():
         # From the middle on by the golden ratio, which spreads any number of dots.
         apart = (0.5 + 0.618 * np.arange(len(own))) % 1 - 0.5
         held = f"{(abs(own) <= 1).sum()} of {len(own)}"
-        shown[name] = {"held": held, "dots": [*zip(np.clip(own, -BEYOND, BEYOND), apart, strict=True)]}
-    return _drawn("coverage", shown, BEYOND, what)
+        shown[name] = {"held": held, "dots": [*zip(np.clip(own, -beyond, beyond), apart, strict=True)]}
+    return _drawn("coverage", shown, beyond, what)
 
 
-def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """A panel for each title, with what was measured and what is predicted.
+def curves(
+    time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]], wide: int = 300, high: int = 78
+) -> str:
+    """A panel of so many pixels for each title, with what was measured and what is predicted.
 
     Args:
         time: Times (N,), s; NaN where curves are interrupted.
         panels: Measured and predicted values (N,) by title.
+        wide: Width of the curves, pixels.
+        high: Their height, pixels.
     """
     start, end = np.nanmin(time), np.nanmax(time)
-    x, shown = WIDE * (time - start) / max(end - start, 1e-12), {}
+    x, shown = wide * (time - start) / max(end - start, 1e-12), {}
     for title, pair in panels.items():
-        low, high = np.nanmin(pair), np.nanmax(pair)
-        ends = [f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in (high, low)]
-        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair], ends
+        low, top = np.nanmin(pair), np.nanmax(pair)
+        ends = [f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in (top, low)]
+        shown[title] = [_path(x, high * (top - y) / ((top - low) or 1.0), wide) for y in pair], ends
     return _drawn("curves", shown, f"{end - start:.3g} s")
 
 
-def _path(x: np.ndarray, y: np.ndarray) -> str:
-    """Path through the smallest and the largest value of each part of a curve, interrupted where it is NaN."""
+def _path(x: np.ndarray, y: np.ndarray, points: int) -> str:
+    """Path through the smallest and the largest value of each part of a curve, interrupted where it is NaN.
+
+    It has at most so many points, about one for each pixel.
+    """
     kept = np.arange(len(y))
-    if len(y) > POINTS:
+    if len(y) > points:
         low = np.nan_to_num(y, nan=-np.inf)
-        parts = np.array_split(kept, POINTS // 2)
+        parts = np.array_split(kept, points // 2)
         kept = np.unique([part[k] for part in parts for k in (low[part].argmin(), low[part].argmax())])
     there = np.isfinite(x[kept] + y[kept])
     begins = there & ~np.append(False, there[:-1])
@@ -138,15 +133,18 @@ def _path(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def _rows(names: Sequence[str]) -> tuple[list[float], float, list[str]]:
-    """Middles of rows, their height, and their labels; of several low rows only one has its label."""
-    step = min(HIGHEST, max(LOWEST, HEIGHT / max(len(names), 1)))
-    every = max(1, int(np.ceil(LABELLED / step)))
+    """Middles of rows below a legend, their height, and their labels; of several low rows only one has its label.
+
+    Rows take 240 pixels together, each 6 to 33, and 12 for its label.
+    """
+    head, step = 34, min(33, max(6, 240 / max(len(names), 1)))
+    every = max(1, int(np.ceil(12 / step)))
     labels = [label if k % every == 0 else "" for k, label in enumerate(labels_of(names))]
-    return [HEAD + step * (k + 0.5) for k in range(len(names))] or [HEAD], step, labels
+    return [head + step * (k + 0.5) for k in range(len(names))] or [head], step, labels
 
 
-def labels_of(names: Sequence[str]) -> list[str]:
-    """Names in words, without a last one that all share, and long ones without their middle.
+def labels_of(names: Sequence[str], letters: int = 15) -> list[str]:
+    """Names in words, without a last one that all share, and those of more letters without their middle.
 
     >>> labels_of(["shoulder_pan_joint", "shoulder_lift_joint", "a_joint_of_many_words_joint"])
     ['shoulder pan', 'shoulder lift', 'a joint…y words']
@@ -154,7 +152,7 @@ def labels_of(names: Sequence[str]) -> list[str]:
     words = [name.replace("_", " ").split(" ") for name in names]
     shared = len(names) > 1 and all(len(each) > 1 for each in words) and len({each[-1] for each in words}) == 1
     texts = [" ".join(each[:-1] if shared else each) for each in words]
-    return [text if len(text) <= LETTERS else f"{text[: LETTERS // 2]}…{text[-(LETTERS // 2) :]}" for text in texts]
+    return [text if len(text) <= letters else f"{text[: letters // 2]}…{text[-(letters // 2) :]}" for text in texts]
 
 
 def _drawn(kind: str, *given: Any) -> str:

@@ -16,17 +16,11 @@ from ident.geometry.inertia import body_of_parameter
 NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
 """A number of an `S` column: sign, whole digits, decimals, sign and digits of the exponent."""
 
-NARROW = 10
-"""Largest number of letters in a line of a head, if its words permit."""
-
 LONG = 28
 """Number of letters above which a cell may break into lines."""
 
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
 """LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
-
-AROUND = 60.0
-"""Approximate height of a table's heads, rules and notes, pt."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +83,12 @@ class Column:
         return size.letter * widest + size.gap
 
 
-def lines_of(head: str) -> list[str]:
-    """Lines of a head, split before brackets and after commas; long ones are broken in the middle."""
+def lines_of(head: str, letters: int = 10) -> list[str]:
+    """Lines of a head, split before brackets and after commas; longer ones are broken in the middle, at a space."""
     lines = []
     for k, part in enumerate(re.split(r", | (?=\()", head)):
         words = (capital(part) if k == 0 else part).split(" ")
-        while len(" ".join(words)) > NARROW and len(words) > 1:
+        while len(" ".join(words)) > letters and len(words) > 1:
             cut = min(range(1, len(words)), key=lambda n: abs(len(" ".join(words[:n])) - len(" ".join(words[n:]))))
             lines.append(" ".join(words[:cut]))
             words = words[cut:]
@@ -188,7 +182,8 @@ def _with_cells(columns: Sequence[Column], keys: int) -> list[Column]:
 
 def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> Iterator[list[Column]]:
     """Yields the columns' rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
-    most = (height - AROUND) / size.line
+    # Heads, rules and notes take about 60 pt.
+    most = (height - 60) / size.line
     long = [column for column in columns if column.long]
     left = room - sum(column.width(size) for column in columns if not column.long)
     letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter

@@ -27,12 +27,6 @@ FRAMES, POSE_NUMBERS = 300, 100_000
 SAMPLES, CURVE_NUMBERS = 2000, 120_000
 """Largest number of drawn samples of the channels, and of numbers that they may take together."""
 
-DIGITS = 5
-"""Significant digits: a pixel is a thousandth of the width."""
-
-UNIFORM = 5.0
-"""Ratio of squared semi-axes of an ellipsoid of uniform density to its second moments per mass."""
-
 
 @dataclass(frozen=True, eq=False)
 class Replay:
@@ -177,15 +171,15 @@ def evenly(N: int, most: int) -> np.ndarray:
 def ellipsoid(phi: np.ndarray) -> list[list[float]] | None:
     """Three semi-axes and the centre of the uniform ellipsoid with these parameters; None without mass.
 
-    Its second moments per mass about the centre are Σ/m - r rᵀ; negative ones, of bodies that are not physical, are
-    drawn as zero.
+    Its second moments per mass about the centre are Σ/m - r rᵀ, a fifth of the squared semi-axes; negative ones, of
+    bodies that are not physical, are drawn as zero.
     """
     J = pseudo_inertia(phi)
     if not J[3, 3] > 0:
         return None
     centre = J[:3, 3] / J[3, 3]
     squares, directions = np.linalg.eigh(J[:3, :3] / J[3, 3] - np.outer(centre, centre))
-    semi_axes = directions * np.sqrt(UNIFORM * np.maximum(squares, 0))
+    semi_axes = directions * np.sqrt(5 * np.maximum(squares, 0))
     return [*_short(semi_axes.T), _short(centre)]
 
 
@@ -215,13 +209,13 @@ def _seven_numbers(poses: np.ndarray) -> np.ndarray:
 
 
 def _short(x: Any) -> Any:
-    """Numbers as lists, rounded to the visible digits; those that are not finite become None."""
+    """Numbers as lists, rounded to five digits, as a pixel is a thousandth of the width; None if not finite."""
     # Python's own numbers take half as long as numpy's.
     if isinstance(x, np.ndarray):
         x = x.tolist()
     if isinstance(x, list):
         return [_short(each) for each in x]
-    return float(f"{x:.{DIGITS}g}") + 0.0 if isfinite(x) else None
+    return float(f"{x:.5g}") + 0.0 if isfinite(x) else None
 
 
 def _readable(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -235,14 +229,8 @@ RERUN = "replay.rrd"
 APPLICATION = "multicontact"
 """Name by which the viewer groups recordings."""
 
-ARROW = 0.8
-"""Length of the largest force's arrow, over the radius of the ball around the motion, as on the page."""
-
 SOLID, LINK, FORCE = (np.array(color, np.uint8) for color in ([120, 150, 180], [90, 90, 90], [191, 33, 33]))
 """Colours of shapes, of the lines between joints and of forces: red, green, blue."""
-
-THICK = 0.01
-"""Radius of these lines and of the forces' arrows, over that of the ball around the motion."""
 
 Entity = tuple[str, ...]
 """Path of an entity in the viewer's tree, by its parts."""
@@ -337,13 +325,14 @@ def _moving(rerun: Any, replay: Replay) -> Iterator[Moving]:
         columns = rerun.Transform3D.columns(translation=poses[:, i, :3, 3], quaternion=quaternions)
         yield ("mechanism", "bodies", name), None, time, columns
     page = replay.to_page()
-    style = {"radii": THICK * page["radius"]}
+    # Lines are thin beside the ball around the motion, and the largest arrow nearly reaches its edge, as on the page.
+    style = {"radii": 0.01 * page["radius"]}
     pairs = [(body.parent, i) for i, body in enumerate(tree.bodies) if body.parent >= 0]
     if pairs:
         strips = poses[..., :3, 3][:, pairs].reshape(-1, 2, 3)
         columns = rerun.LineStrips3D.columns(strips=strips).partition([len(pairs)] * len(poses))
         yield ("mechanism", "links"), rerun.LineStrips3D.from_fields(colors=LINK, **style), time, columns
-    scale = ARROW * page["radius"] / page["largest"] if page["largest"] else 0.0
+    scale = 0.8 * page["radius"] / page["largest"] if page["largest"] else 0.0
     for name, points, forces in replay.forces(replay.drawn, poses):
         columns = rerun.Arrows3D.columns(origins=points, vectors=scale * forces)
         yield ("mechanism", "forces", name), rerun.Arrows3D.from_fields(colors=FORCE, **style), time, columns

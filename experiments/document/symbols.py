@@ -10,9 +10,6 @@ from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 
-SHOWN = 0.0005
-"""Smallest coefficient of a regrouping that is put into words."""
-
 
 def order(name: str) -> int:
     """Order of a parameter as a moment of mass: 0, 1 or 2.
@@ -45,13 +42,16 @@ def regrouped_in_words(base: BaseParameters, k: int, arm: Mechanism) -> str:
 
 
 def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:
-    """The other parameters in a base parameter, each with its factor, whose unit is a power of metres."""
-    own = order(base.names[k])
+    """The other parameters in a base parameter, each with its factor, whose unit is a power of metres.
+
+    Factors to three decimals: those that are zero then are left out, as is a factor of one.
+    """
+    own, zero = order(base.names[k]), 0.0005
     for coefficient, d in zip(base.beta[k], base.dependent, strict=True):
-        if abs(coefficient) > SHOWN:
+        if abs(coefficient) > zero:
             power = own - order(base.parameters[d])
             metres = {0: "", 1: " m", 2: " m²", -1: " 1/m", -2: " 1/m²"}[power]
-            factor = "" if not metres and abs(coefficient - 1) < SHOWN else f"{coefficient:.3g}{metres} × "
+            factor = "" if not metres and abs(coefficient - 1) < zero else f"{coefficient:.3g}{metres} × "
             yield f"{factor}the {in_words(base.parameters[d], arm)}"
 
 

@@ -10,9 +10,6 @@ from ident.display.text import WIDTH
 
 C = TypeVar("C")
 
-GAP = 2
-"""Spaces between the columns of a table."""
-
 FILLER = "\N{NO-BREAK SPACE}"
 """Space at which lines do not break, and that stays at their ends."""
 
@@ -102,7 +99,8 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seque
 
 
 def _total(widths: Sequence[int]) -> int:
-    return sum(widths) + GAP * (len(widths) - 1)
+    """Width of columns with two spaces between them."""
+    return sum(widths) + 2 * (len(widths) - 1)
 
 
 def parts(columns: Sequence[C], keys: int, fits: Callable[[Sequence[C]], bool]) -> list[list[C]]:
@@ -136,5 +134,5 @@ def _drawn(columns: Sequence[_Column], widths: Sequence[int], *, skip: bool = Fa
     for block in blocks:
         for cells in zip_longest(*block, fillvalue=""):
             line = (cell.ljust(w) for cell, w in zip(cells, widths, strict=True))
-            lines.append((" " * GAP).join(line).rstrip())
+            lines.append("  ".join(line).rstrip())
     return lines

@@ -20,9 +20,6 @@ from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log
 from ident.tolerances import FAR_BETTER
 
-EXPLAINED = 0.02
-"""Unexplained share below which signs are not doubted."""
-
 CLEARLY = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
@@ -77,10 +74,10 @@ def _doubt(belief: Belief, left: float) -> None:
 def _turn(model: ComparedModel, here: Left) -> float:
     """Inverts joints whose opposite sign explains far more, one by one, and returns the unexplained share.
 
-    If two do so equally, the sign stays open.
+    If two do so equally, the sign stays open. Signs are not doubted where all but 2 % are explained.
     """
     positions = {j: x for j, x in model.belief.of("position").items() if x.column in model.states}
-    while here.somehow > EXPLAINED:
+    while here.somehow > 0.02:
         ways = {joint: model.left({joint: -1.0}) for joint in positions}
         good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
         if not good:

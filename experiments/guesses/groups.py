@@ -25,12 +25,6 @@ GROUNDS = re.compile(r"ground|base|plate|floor", re.IGNORECASE)
 SAME = 0.999
 """Correlation above which columns, or the sizes of two forces, are two readings of the same."""
 
-ABOUT_ORIGIN = 0.05
-"""Share of a moment's variance not explained by p × F, up to which it is about the origin rather than the point."""
-
-FAR_POINT = 10.0
-"""Median distance of a point of application above which it is in mm."""
-
 BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
 """Names of bodies that move freely."""
 
@@ -133,18 +127,18 @@ def _entries(belief: Belief, parts: Parts) -> dict[str, TableEntry]:
         elif kind == "point":
             # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
             size = float(np.median(np.abs(log.table(columns)), axis=0).max())
-            if size > FAR_POINT:
+            if size > 10:
                 entries[key] = TableEntry("mm", f"half of the time it is {size:.3g} or more away")
     return entries
 
 
 def _is_about_origin(belief: Belief, parts: Parts) -> bool:
-    """True where moments are those of the force at the point of application, about the origin."""
+    """True where moments are those of the force at the point of application, about the origin, to 5 % of variance."""
     force, moment, point = (belief.log.table(_listed(parts, kind)) for kind in ("force", "torque", "point"))
     arm = np.cross(point, force)
     pairs = [k for k in range(3) if np.ptp(moment[:, k]) > 0 and np.ptp(arm[:, k]) > 0 and np.ptp(force) > 0]
     # About the point there is at most one component, along the plate's normal.
-    return sum(1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 < ABOUT_ORIGIN for k in pairs) > 1
+    return sum(1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 < 0.05 for k in pairs) > 1
 
 
 def _place(belief: Belief, group: ColumnGroup) -> None:

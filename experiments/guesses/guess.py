@@ -20,10 +20,6 @@ from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.wrench import GROUND
 
-PERCENT, NORMALIZED = 100.0, ".pos"
-"""Largest number and end of the name of a position that may be a percentage of a calibrated range: LeRobot writes such
-ones, or degrees, under the same names."""
-
 
 def believed(
     mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT, rate: float = 0.0
@@ -144,8 +140,9 @@ def doubt_units(belief: Belief) -> None:
         if joint in belief.by_size and x.sure == SURE:
             x.sure = LIKELY
             x.why.append("which nothing else shows")
-        is_open = x.column.endswith(NORMALIZED) and x.unit in ("deg", "mm") and x.sure != SURE
-        if x.about.unit == "%" or (is_open and belief.log.largest(x.column) <= PERCENT):
+        # LeRobot writes percentages of calibrated ranges, or degrees, under the same names.
+        is_open = x.column.endswith(".pos") and x.unit in ("deg", "mm") and x.sure != SURE
+        if x.about.unit == "%" or (is_open and belief.log.largest(x.column) <= 100):
             percentages.append(joint)
             x.sure = DOUBTFUL
     if percentages:

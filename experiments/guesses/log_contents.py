@@ -29,23 +29,14 @@ ROWS = 20_000
 SLOWEST = {"s": 0.2, "ms": 200.0, "us": 2e5, "ns": 2e8}
 """Longest steps of times in each unit: nobody records a motion at less than 5 Hz."""
 
-PREAMBLE = 40
-"""Largest number of lines before a table."""
-
 TRIAL = ".trc"
 """Suffix of files that hold only markers."""
-
-FEW = 3
-"""Smallest number of markers that show the pose of a body."""
 
 ROUND = 2 * np.pi + 0.5
 """Largest angle of a joint that is plausible in radians."""
 
 LONG = 20.0
 """Largest travel of a slide that is plausible in metres."""
-
-SAME_UNIT = 1.25
-"""Ratio of a rate to the derivative, and its inverse, up to which they are in one unit."""
 
 
 class ClockColumn(NamedTuple):
@@ -233,7 +224,8 @@ class LogContents:
             if label and axis.lower() in "xyz" and (of_markers or label.rpartition(":")[2] in sites):
                 axes.setdefault(label, []).append(name)
         markers = {label: names for label, names in axes.items() if len(names) == 3}
-        if len(markers) < FEW:
+        # Fewer show no body's pose.
+        if len(markers) < 3:
             return self
         gone = {name for names in markers.values() for name in names}
         samples = {name: x for name, x in self.samples.items() if name not in gone}
@@ -241,8 +233,8 @@ class LogContents:
 
 
 def is_one(ratio: np.ndarray | float) -> np.ndarray:
-    """True where the ratio of a rate to the derivative is that of one unit, of either sign."""
-    return (np.abs(ratio) > 1 / SAME_UNIT) & (np.abs(ratio) < SAME_UNIT)
+    """True where the ratio of a rate to the derivative is that of one unit, of either sign, to a quarter."""
+    return (np.abs(ratio) > 1 / 1.25) & (np.abs(ratio) < 1.25)
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:
@@ -286,11 +278,11 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
 
 
 def _layout(path: Path, limit: int) -> Layout:
-    """Layout of a text file: the first with which it can be read."""
+    """Layout of a text file: the first with which it can be read, of at most 40 lines before the table."""
     if not path.name.lower().endswith(TEXT) or not path.is_file():
         return Layout()
     errors = [LogError("a log needs a table with two columns of numbers or more.")]
-    for skip in range(PREAMBLE):
+    for skip in range(40):
         try:
             row = next(read_tables(path, 1, limit=limit, layout=Layout(False, skip)), None)
             if row is None:

@@ -17,12 +17,6 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.smoothing import SETTLING, chosen_cutoff, low_pass, smoothed
 
-SAMPLES = 300
-"""Samples at which the model is evaluated, evenly spaced."""
-
-STILL = 1e-6
-"""Range of a predicted channel, relative to the largest, up to which it does not depend on the motion."""
-
 ENOUGH, LITTLE = 0.5, 0.1
 """Shares of wrenches and torques that the model has to explain with columns assigned only by their place, and with
 others. Torques of arms are explained to less than half with columns of other joints, to eight tenths or more with the
@@ -69,8 +63,8 @@ class ComparedModel:
     levels: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "ComparedModel":
-        """The model beside a log; the cut-off suits the known positions and the candidates.
+    def of(cls, belief: Belief, candidates: Iterable[str] = (), most: int = 300) -> "ComparedModel":
+        """The model beside a log, at some samples; the cut-off suits the known positions and the candidates.
 
         Raises:
             InputError: There are too few samples for a filter.
@@ -80,7 +74,7 @@ class ComparedModel:
         x, rate = log.table(names), log.rate
         cutoff = chosen_cutoff(x, rate)
         edge = min(int(SETTLING * rate / cutoff), len(x) // 10)
-        taken = np.unique(np.linspace(edge, len(x) - 1 - edge, SAMPLES).astype(int))
+        taken = np.unique(np.linspace(edge, len(x) - 1 - edge, most).astype(int))
         states = np.stack(smoothed(x, rate, cutoff))[:, taken]
         levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in log.columns.items()}
         return cls(belief, {name: states[:, :, k] for k, name in enumerate(names)}, levels)
@@ -145,8 +139,8 @@ class ComparedModel:
 
     def likeness(self, names: Sequence[str], predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:
         """Squared correlations of columns with the predicted channels that change, and these channels' names."""
-        largest = max(float(np.ptp(x)) for x in predicted.values())
-        moving = {name: x for name, x in predicted.items() if np.ptp(x) > STILL * largest}
+        ranges = {name: float(np.ptp(x)) for name, x in predicted.items()}
+        moving = {name: x for name, x in predicted.items() if ranges[name] > 1e-6 * max(ranges.values())}
         if not names or not moving:
             return np.zeros((len(names), len(moving))), list(moving)
         both = np.corrcoef(np.array([*(self.levels[name] for name in names), *moving.values()]))

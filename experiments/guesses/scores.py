@@ -25,9 +25,6 @@ ALONE = 0.7
 FITTING = {"position": ("position", ""), "torque": ("torque", "current", "force")}
 """Quantities that names may state of columns of a kind, if others than the kind."""
 
-FOLLOWS = 0.8
-"""Smallest correlation of a joint's commanded position with its position."""
-
 
 def assigned(scores: Scores) -> Scores:
     """Pairs with the largest sum of scores, each column and each joint at most once, without those of score zero."""
@@ -139,7 +136,7 @@ def _by_following(belief: Belief, _: str) -> Scores:
             score = EXACT if name == COMMAND.format(joint) else min(1.0, like + 0.2)
             # Controllers call torques u as well.
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
-            if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
+            if alike and abs(np.corrcoef(u, q)[0, 1]) > 0.8:
                 scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))
     return scores
 

@@ -18,19 +18,6 @@ from ident.judgement.checks import wrench_checks
 from ident.payload.beyond_sensor import TURNED, weighed
 from ident.recordings.wrench import GROUND
 
-SIZE = 5.0
-"""Largest ratio of sizes of the ground's wrench that the model explains in part: masses of models are wrong by less. Of
-a payload of a tenth of the weight, in the base's axes, it explains .93."""
-
-TINY = 1e-6
-"""Difference of unexplained shares that is rounding, as of bodies that are rigidly connected."""
-
-FAR_OFF = 0.3
-"""Relative error of a wrench against the model's prediction above which a note says so."""
-
-SNAPPED = 3.0
-"""Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
-
 PARTS = {"force": slice(0, 3), "torque": slice(3, 6)}
 """Components of forces and of moments."""
 
@@ -56,7 +43,9 @@ def place_wrenches(model: ComparedModel) -> None:
         left = {body: unexplained(x, list(there.T[part])) for body, there in inside.items()}
         best, at_base = min(left, key=left.__getitem__, default=""), unexplained(x, list(ground.T[part]))
         ratio = size_ratio(x, ground[:, part])
-        is_of_size = any(1 / SIZE < ratio * factor < SIZE for factor in UNITS[key].values())
+        # Masses of models are wrong by less; of a payload of a tenth of the weight, in the base's axes, the model
+        # explains .93.
+        is_of_size = any(1 / 5 < ratio * factor < 5 for factor in UNITS[key].values())
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
@@ -103,7 +92,8 @@ def _rename(belief: Belief, group: ColumnGroup) -> None:
 def _carry(group: ColumnGroup, model: ComparedModel, left: Mapping[str, float], sizes: Mapping[str, float]) -> None:
     """Puts a wrench on the body beyond its sensor: named like it, or else of the likeliest weight."""
     best, group.is_inner = min(left, key=left.__getitem__), True
-    alike = [body for body in left if CLEAR * left[body] <= left[best] + TINY]
+    # Of bodies that are rigidly connected they differ by rounding.
+    alike = [body for body in left if CLEAR * left[body] <= left[best] + 1e-6]
     rigid = [body for body in alike if model.mover(body) == model.mover(best)]
     namesakes = [body for body in alike if likeness(words(group.own_name), words(body)) >= LIKE]
     body = namesakes[0] if len(namesakes) == 1 else min(rigid, key=lambda body: abs(np.log(sizes[body])))
@@ -194,7 +184,7 @@ def set_axes(belief: Belief, log: Prepared) -> None:
             why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {off}"
             frame = "base" if group.name == GROUND else "body"
             _set_turn(group, check.rotation, frame, why, opposite=check.sign < 0)
-        elif check.error > FAR_OFF:
+        elif check.error > 0.3:
             belief.notes.append(
                 f"The wrench '{group.name}' is off by {off} of what the model predicts, and no other sign or "
                 "right-angled turn is far better; see where its sensor is, and what else acts."
@@ -215,13 +205,13 @@ def _mirror(entries: dict[str, TableEntry], components: Iterable[str]) -> None:
 
 
 def _set_turn(group: ColumnGroup, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
-    """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
+    """Sets the sign and the axes of a wrench, at right angles if they are to 3°."""
     if opposite:
         group.entries["applied_to_link"] = TableEntry(False, f"the opposite sign: {why}")
     if not np.array_equal(rotation, np.eye(3)):
         angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
         near = 90 * np.round(angles / 90)
-        angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
+        angles = np.where(np.abs(angles - near) < 3, near, angles).round(1) + 0.0
         group.entries["rpy_deg"] = TableEntry(angles.tolist(), f"its axes in those of the {frame}: {why}")
         # A frame that is not turned states no angles.
         if "frame" in group.entries:

@@ -23,12 +23,6 @@ from sim.models.notes import joint_name
 OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 """Patterns of the files that it writes."""
 
-MM = 1e3
-"""Millimetres per metre."""
-
-FAR_OFF = 0.05
-"""Share of outlying frames of a marker above which a sentence says so."""
-
 
 def markers_table(postures: Postures) -> tabular.Table:
     """Distance of each marker from the fit, in frames that count, and the frames in which it is missing or outlying."""
@@ -36,8 +30,8 @@ def markers_table(postures: Postures) -> tabular.Table:
     there = [(x[np.isfinite(x)], x[np.isfinite(x) & ~out]) for x, out in zip(distances.T, outlying.T, strict=True)]
     columns: dict[str, Sequence[tabular.Cell]] = {
         "marker": postures.marked.labels,
-        "rms_mm": [MM * float(np.sqrt(np.mean(kept**2))) if kept.size else np.nan for _, kept in there],
-        "largest_mm": [MM * float(every.max()) if every.size else np.nan for every, _ in there],
+        "rms_mm": [1e3 * float(np.sqrt(np.mean(kept**2))) if kept.size else np.nan for _, kept in there],
+        "largest_mm": [1e3 * float(every.max()) if every.size else np.nan for every, _ in there],
         "missing_frames": np.isnan(distances).sum(axis=0).tolist(),
         "outlying_frames": outlying.sum(axis=0).tolist(),
     }
@@ -52,7 +46,7 @@ def joints_table(postures: Postures) -> tabular.Table:
         j, there = int(model.dof_jntid[d]), postures.determined[:, k]
         slide = marked.dofs_of(j) == 6 and d - model.jnt_dofadr[j] < 3
         slide = slide or model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
-        scale, lowest, highest, std = MM if slide else np.degrees(1.0), np.nan, np.nan, np.nan
+        scale, lowest, highest, std = 1e3 if slide else np.degrees(1.0), np.nan, np.nan, np.nan
         if there.any():
             std = scale * float(np.sqrt((postures.std[there, k] ** 2).mean()))
         if there.any() and marked.dofs_of(j) == 1:
@@ -90,7 +84,7 @@ def scale_table(lengths: Scaling) -> tabular.Table:
 
 def residuals_figure(angles: Angles) -> Figure:
     """RMS distance of the markers from the fit over time."""
-    distances = MM * np.where(angles.postures.outlying, np.nan, angles.postures.distances)
+    distances = 1e3 * np.where(angles.postures.outlying, np.nan, angles.postures.distances)
     visible = np.isfinite(distances)
     by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(visible.sum(axis=1), 1))
     with empty_figure(1.9, wide=True) as figure:
@@ -107,9 +101,9 @@ def lines(angles: Angles) -> list[str]:
     """Sentences on the main results of a trial."""
     fit, model = angles.postures, angles.postures.marked.model
     joints = sorted({int(model.dof_jntid[d]) for d in fit.marked.dofs})
-    more = {"beyond": {joint_name(model, j): beyond_range(fit, j) for j in joints}, "far_off": FAR_OFF}
+    more = {"beyond": {joint_name(model, j): beyond_range(fit, j) for j in joints}, "far_off": 0.05}
     more |= {"outlying": dict(zip(fit.marked.labels, fit.outlying.sum(axis=0).tolist(), strict=True))}
-    more |= {"noise": f"{MM * fit.sigma:.2f} mm" if np.isfinite(fit.sigma) else "unknown, markers are too few"}
+    more |= {"noise": f"{1e3 * fit.sigma:.2f} mm" if np.isfinite(fit.sigma) else "unknown, markers are too few"}
     return sentences("angles.txt", angles=angles, fit=fit, **more)
 
 

@@ -25,12 +25,6 @@ from ident.tolerances import INTERVAL
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
 
-PANELS = 4
-"""Largest number of parameters in the chart over the logs."""
-
-SHOWN = 12
-"""Largest number of logs in the picture, those that differ most."""
-
 APART = 2.0
 """Differences between logs over those that their noise explains, from which this is a doubt."""
 
@@ -86,8 +80,8 @@ def parameters_table(outcomes: Sequence[LogOutcome], arm: Mechanism) -> tabular.
 
 
 def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> Figure:
-    """The parameters that logs differ in most, over the rows of the logs, with intervals from the logs' noise."""
-    names, apart = [agreed.names[k] for k in agreed.most[:PANELS]], agreed.differ
+    """The four parameters that logs differ in most, over the rows of the logs, with intervals from the logs' noise."""
+    names, apart = [agreed.names[k] for k in agreed.most[:4]], agreed.differ
     numbers = np.array([k for k, each in enumerate(outcomes, start=1) if not each.error])
     outcomes = [each for each in outcomes if not each.error]
     with empty_figure(0.6 + 0.95 * len(names), wide=True) as figure:
@@ -107,9 +101,9 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
 
 
 def picture(outcomes: Sequence[LogOutcome], agreed: LogAgreement) -> str:
-    """Picture of the parameters of each log less those of the others, of the logs that differ most, by their rows."""
+    """Picture of the parameters of each log less those of the others, of the 12 that differ most, by their rows."""
     fitted = [(number, Path(each.log).name) for number, each in enumerate(outcomes, start=1) if not each.error]
-    shown = np.sort(np.argsort(-agreed.chi2, kind="stable")[:SHOWN]).tolist()
+    shown = np.sort(np.argsort(-agreed.chi2, kind="stable")[:12]).tolist()
     names = pictures.labels_of([fitted[k][1] for k in shown])
     rows = {f"{fitted[k][0]}: {name}": agreed.z[k] / INTERVAL for k, name in zip(shown, names, strict=True)}
     return pictures.coverage(rows, "parameters less those of other logs")

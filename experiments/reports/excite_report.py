@@ -17,12 +17,6 @@ from ident.geometry.inertia import with_bodies
 from ident.judgement.wording import NAMED
 from ident.recordings.recording import STATES
 
-ALIKE = 0.1
-"""Relative difference of durations from which deviations are compared for an equal one as well."""
-
-FASTER = 1.05
-"""Velocity or acceleration before over the design's limit above which it is said."""
-
 PER = ("", "/s", "/s²")
 """Suffixes of units for position, velocity and acceleration."""
 
@@ -96,13 +90,14 @@ def figure(design: Design) -> Figure:
 def lines(design: Design) -> list[str]:
     """Sentences for the terminal and the page, besides the tables."""
     motion, limits = design.before.motion, design.limits
-    beyond = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
-    beyond |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
+    # What is faster before by more than the limits' rounding is said.
+    beyond = abs(motion.dq).max(axis=0) > 1.05 * limits.velocity
+    beyond |= abs(motion.ddq).max(axis=0) > 1.05 * limits.acceleration
     long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
     problem, own = design.problem, design.problem.parameters.names
     names = with_bodies(own, problem.mechanism.bodies) if len(own) <= NAMED else ""
     more = {"names": names, "most": NAMED, "compared": design.start != RANDOM_START}
-    more |= {"fast": [name for name, fast in zip(problem.joints, beyond, strict=True) if fast], "alike": ALIKE}
+    more |= {"fast": [name for name, fast in zip(problem.joints, beyond, strict=True) if fast], "alike": 0.1}
     return sentences("excite.txt", design=design, long=long, short=short, **more)
 
 

@@ -39,13 +39,6 @@ from sim.models.xml_files import parsed
 SPECTRA = "Amplitude spectra of the channels and of their residuals."
 """Caption."""
 
-REMARKS, CHANNELS, LONGEST = 8, 12, 225
-"""Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
-four legs of twelve joints 50."""
-
-FAR = 3.0
-"""Distance from zero, in standard deviations, of an estimate whose relative standard deviation is shown."""
-
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", RERUN)
 """Patterns of the files that it writes."""
 
@@ -59,7 +52,8 @@ def parameters_table(result: Estimate) -> tabular.Table:
     priors: list[float | None] = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(fit.names) - len(priors))
     lagging, footnote = _of_servos(result)
-    far = abs(fit.values) > FAR * wider
+    # Of a value that may be zero nobody wants the relative deviation.
+    far = abs(fit.values) > 3 * wider
     columns = {
         "parameter": fit.names,
         "estimate": fit.values.tolist(),
@@ -166,46 +160,49 @@ def data_lines(result: Estimate) -> list[str]:
     return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
 
-ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
-"""Largest numbers of channels and of findings, and of letters of a finding and a channel, on a screen of 24 lines."""
+FIRST = 5
+"""Largest number of findings on a screen of 24 lines."""
 
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
     more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
-    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS), *first_lines(made.findings)]
+    lines = [Headline.of(result.verdict()).line, "", _ratios(result, 11), *first_lines(made.findings)]
     return "\n".join([*lines, f"--verbose prints {more}all numbers."])
 
 
 def first_lines(cards: Sequence[Card]) -> list[str]:
     """First sentences of the first findings, a line each."""
-    return [_remark(card.text, LINE, card.doubt) for card in cards[:FIRST]]
+    return [_remark(card.text, 112, card.doubt) for card in cards[:FIRST]]
 
 
-def verbose(made: Document, result: Estimate) -> str:
-    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest."""
+def verbose(made: Document, result: Estimate, most: int = 8, channels: int = 12) -> str:
+    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest.
+
+    With so many remarks and channels, or bodies, an arm takes 40 lines, four legs of twelve joints 50.
+    """
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
     notes = result.prepared.notes
-    hidden = {"more remark": len(remarks) - REMARKS, "more note": len(notes) - REMARKS}
+    hidden = {"more remark": len(remarks) - most, "more note": len(notes) - most}
     left = [number_of(count, what) for what, count in hidden.items() if count > 0]
     tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
     lines = [
         f"Verdict: {made.verdict}",
         *(each.line for each in doubts),
-        *(_remark(each.text) for each in remarks[:REMARKS]),
+        *(_remark(each.text) for each in remarks[:most]),
         "",
         *made.lines[:3],
-        *(_remark(note) for note in notes[:REMARKS]),
+        *(_remark(note) for note in notes[:most]),
         "",
-        _ratios(result, CHANNELS),
-        *_bodies(result),
+        _ratios(result, channels),
+        *_bodies(result, channels),
         f"The page has {', '.join([*left, 'all details'])}.",
         f"Tables, also as .csv and .tex: {tables}.",
     ]
     return wrapped("\n".join(lines))
 
 
-def _remark(text: str, most: int = LONGEST, doubt: bool = False) -> str:
+def _remark(text: str, most: int = 225, doubt: bool = False) -> str:
     """First sentence of a finding, in at most so many letters."""
     return line_of(shorten(sentences(text)[0], most, placeholder=" …"), doubt)
 
@@ -217,7 +214,7 @@ def _ratios(result: Estimate, most: int) -> str:
     shown = np.sort(np.argsort(-held.ratio, kind="stable")[:most])
     alike = about_best(np.array([ratio[shown] for ratio in every.values()])).T
     names = [channels[k] for k in shown]
-    cut = [name if len(name) <= NAME else f"{name[: NAME - 1]}…" for name in names]
+    cut = [name if len(name) <= 30 else f"{name[:29]}…" for name in names]
     columns = {"channel": cut} | {name: ratio[shown] for name, ratio in every.items()}
     columns["best"] = [
         "not counted" if name in idle else listed(each for each, best in zip(every, own, strict=True) if best)
@@ -227,10 +224,10 @@ def _ratios(result: Estimate, most: int) -> str:
     return tabular.Table(f"Residual of the {held.part} part over its signal{of}", *tabular.columns(**columns)).text()
 
 
-def _bodies(result: Estimate) -> list[str]:
-    """Table of masses and centres of mass with intervals, or a sentence if there are many bodies."""
+def _bodies(result: Estimate, most: int) -> list[str]:
+    """Table of masses and centres of mass with intervals, or a sentence if there are more bodies."""
     full = result.consistent()
-    if len(full.bodies) > CHANNELS:
+    if len(full.bodies) > most:
         masses = [f"{each.body} {each.words} kg" for each in full.rows[::10] if each.determined]
         known = f": {', '.join(masses)}" if masses else ""
         return [f"The data determine {len(masses)} of {len(full.bodies)} masses{known}."]

@@ -22,20 +22,8 @@ from experiments.document.writer import Document, Plot, sentences
 from ident.display.plots import Figure
 from ident.mechanism.motion import Motion
 
-TRUE_WIDTH = 1.6
-"""Line width of the truth in points: it lies below the others and shows on both sides."""
-
 STROKES = ("-", "--", ":", "-.")
 """Line styles of other curves, for print without colours."""
-
-WINDOW = 25
-"""Samples of the running mean of errors, a quarter of a second."""
-
-DOTS = 0.7
-"""Diameter of the dots of single samples, in points."""
-
-LOWEST = 0.001
-"""Smallest error shown, relative to a panel's largest."""
 
 
 def figure(study: SimulatedStudy, name: str) -> Figure:
@@ -50,7 +38,7 @@ def figure(study: SimulatedStudy, name: str) -> Figure:
         drawn, more = residual_curves(study, entry.curves), {"symbol": r"\Delta {}"}
     else:
         drawn, x, label = error_curves(study, entry.curves), np.arange(1, len(x) + 1), "Sample"
-        more = {"symbol": r"|\Delta {}|", "lowest": LOWEST}
+        more = {"symbol": r"|\Delta {}|", "lowest": 0.001}
     return figures.wrench_panels(x, drawn, label, shaded=episodes(study), **more)
 
 
@@ -63,8 +51,9 @@ def wrench_curves(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     others = iter(other_lines(curves.values(), without="true"))
     drawn: Drawn = {}
     for label, what in curves.items():
-        color = INKS[inks(curves.values())[what]]
-        drawn[label] = wrench(study, what), figures.Line(color, TRUE_WIDTH) if what == "true" else next(others)
+        # The truth lies below the others and shows on both sides.
+        widest = figures.Line(INKS[inks(curves.values())[what]], 1.6)
+        drawn[label] = wrench(study, what), widest if what == "true" else next(others)
     return drawn
 
 
@@ -108,7 +97,7 @@ def error_curves(study: SimulatedStudy, curves: Mapping[str, str]) -> Drawn:
     each = zip(curves.items(), other_lines(curves.values()), widths, strict=True)
     for k, ((label, model), line, width) in enumerate(each):
         error = simulated_study.wrench_error(study, model)
-        samples[label] = np.abs(error), replace(line, style="", width=DOTS, first=k)
+        samples[label] = np.abs(error), replace(line, style="", width=0.7, first=k)
         means[f"{label}, running RMS"] = running_rms(error), replace(line, width=width)
     return samples | means
 
@@ -120,11 +109,11 @@ def other_lines(curves: Iterable[str], without: str = "") -> list[figures.Line]:
     return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn if what != without]
 
 
-def running_rms(x: np.ndarray) -> np.ndarray:
-    """RMS of up to `WINDOW` samples around each (N, 6)."""
+def running_rms(x: np.ndarray, window: int = 25) -> np.ndarray:
+    """RMS of up to so many samples around each, by default a quarter of a second (N, 6)."""
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(x**2, axis=0)])
     middle = np.arange(len(x))
-    first, last = np.maximum(middle - WINDOW // 2, 0), np.minimum(middle + WINDOW // 2 + 1, len(x))
+    first, last = np.maximum(middle - window // 2, 0), np.minimum(middle + window // 2 + 1, len(x))
     return np.sqrt(np.maximum(sums[last] - sums[first], 0) / (last - first)[:, None])
 
 

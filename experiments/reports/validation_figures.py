@@ -18,17 +18,11 @@ LOOKS = {MODEL: ("0.55", "D"), LEAST_SQUARES: ("C1", "s"), ESTIMATE: ("C0", "o")
 PUBLISHED = ("black", "|")
 """Colour and marker of published numbers."""
 
-ROW, HEAD, FOOT = 0.13, 0.30, 0.75
-"""Inches of a row, of a panel's title, and of abscissa and legend."""
-
-NEAR, FAR = -1.0, 3.0
-"""Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
+FOOT = 0.75
+"""Inches of abscissa and legend."""
 
 TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
 """Ticks of ratios, as far as they are on the abscissa."""
-
-LINEAR = 4.0
-"""Difference in standard deviations up to which the abscissa is linear; it is logarithmic beyond."""
 
 GROUPS = {
     "halves": ("C4", -0.22, "halves"),
@@ -49,7 +43,7 @@ def row_label(name: str) -> str:
 def held_out_figure(study: Study) -> Figure:
     """Held-out residuals over signal by candidate, a panel for each recording, in two columns."""
     columns = _columns(list(study))
-    heights = [sum(ROW * len(each.channels) + HEAD for each in column) for column in columns]
+    heights = [sum(0.13 * len(each.channels) + 0.3 for each in column) for column in columns]
     every = np.concatenate([ratios for each in study for ratios in each.ratios.values()])
     every = every[np.isfinite(every) & (every > 0)]
     lowest, highest = 0.8 * float(every.min()), 1.25 * float(every.max())
@@ -100,7 +94,11 @@ def channel_label(channel: str) -> str:
 
 
 def published_figure(study: Study) -> Figure:
-    """Estimates over published parameters with 95 % intervals of both, and z of each difference."""
+    """Estimates over published parameters with 95 % intervals of both, and z of each difference.
+
+    What is beyond the abscissa is marked by arrows.
+    """
+    near, far = -1.0, 3.0
     pairs = [(each, published) for each in study for published in each.entry.published]
     published = np.array([[each.value, abs(each.std)] for _, each in pairs])
     values = np.array([each.values[one.name] for each, one in pairs]) / published[:, :1]
@@ -113,12 +111,12 @@ def published_figure(study: Study) -> Figure:
         style: dict[str, Any] = {"ms": 3, "color": "C0"}
         ax.errorbar(values[:, 0], rows, xerr=half[:, 1], fmt="none", lw=0.7, label="with the set-up", **style)
         ax.errorbar(values[:, 0], rows, xerr=half[:, 0], fmt="o", lw=1.6, label="estimate, 95 % of the noise", **style)
-        for ends, limit, marker in ((values[:, 0] - half.T, NEAR, "<"), (values[:, 0] + half.T, FAR, ">")):
-            beyond = rows[((ends < NEAR) | (ends > FAR)).any(axis=0)]
+        for ends, limit, marker in ((values[:, 0] - half.T, near, "<"), (values[:, 0] + half.T, far, ">")):
+            beyond = rows[((ends < near) | (ends > far)).any(axis=0)]
             ax.plot(np.full(len(beyond), limit), beyond, marker, color="C0", ms=3, clip_on=False, label="_beyond")
         ax.set_yticks(rows, [f"{each.entry.title}, {row_label(one.name)}" for each, one in pairs])
         ax.set_ylim(len(rows) - 0.4, -0.6)
-        ax.set_xlim(NEAR, FAR)
+        ax.set_xlim(near, far)
         ax.set_xlabel("Estimate over published value", labelpad=2)
         for row, (each, one) in enumerate(pairs):
             z = f"{round(each.published_z(one), 1) + 0.0:+.1f}".replace("-", "\N{MINUS SIGN}")
@@ -148,8 +146,8 @@ def summary_figure(study: Study) -> Figure:
             rows = {f"{label}, {own}": agreement(each)[name] for own, each in zip(names, shown, strict=True)}
             _strip(right, rows, rng, color=color, shift=shift)
         right.axvspan(-INTERVAL, INTERVAL, color="0.88", lw=0)
-        right.set_xscale("symlog", linthresh=LINEAR)
-        largest = max(abs(z).max(initial=LINEAR) for each in shown for z in agreement(each).values())
+        right.set_xscale("symlog", linthresh=4)
+        largest = max(abs(z).max(initial=4) for each in shown for z in agreement(each).values())
         ticks = [x for x in (-30, -10, -4, -2, 0, 2, 4, 10, 30) if abs(x) <= largest]
         right.set_xticks(ticks, [str(x).replace("-", "\N{MINUS SIGN}") for x in ticks])
         right.minorticks_off()

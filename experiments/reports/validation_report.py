@@ -16,9 +16,6 @@ from experiments.reports.validation_figures import held_out_figure, published_fi
 from ident.judgement.wording import number_of
 from ident.tolerances import INTERVAL
 
-DIGITS = 6
-"""Significant digits."""
-
 
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers in JSON types."""
@@ -43,7 +40,7 @@ def _recording(validation: Validation) -> dict[str, Any]:
 
 
 def rounded(value: Any) -> Any:
-    """Numbers of any structure in JSON types with `DIGITS` significant digits; infinite ones and NaN are None."""
+    """Numbers of any structure in JSON types with six significant digits; infinite ones and NaN are None."""
     if is_dataclass(value):
         return rounded(vars(value))
     if isinstance(value, Mapping):
@@ -51,7 +48,7 @@ def rounded(value: Any) -> Any:
     if isinstance(value, np.ndarray | list | tuple):
         return [rounded(each) for each in value]
     if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+        return float(f"{value:.6g}") if np.isfinite(value) else None
     return value
 
 

@@ -30,9 +30,6 @@ from sim.motion.excitation_design import (
     scaled_into,
 )
 
-INVISIBLE = 1e-14
-"""Eigenvalues of the information below this fraction of the largest are rounding errors."""
-
 
 def known_root(problem: DesignProblem) -> np.ndarray:
     """Root L of the prior covariance of ψ and drives, `P = Lᵀ L`; norms of its columns are standard deviations.
@@ -124,11 +121,12 @@ def _eigenvalues(M: np.ndarray, criterion: str) -> tuple[float, np.ndarray]:
     if criterion == "condition":
         weights = np.zeros(len(s))
         weights[[0, -1]] = weights[[0, -1]] + [-0.5, 0.5]
-    visible = s > INVISIBLE * s[-1]
+    rounding = 1e-14 * s[-1]
+    visible = s > rounding
     by_s = weights * visible / np.where(visible, s, 1)
     # The others count as a fraction of the largest.
     by_s[-1] += weights[~visible].sum() / s[-1]
-    return float(weights @ np.log(np.where(visible, s, INVISIBLE * s[-1]))), (V * by_s) @ V.T
+    return float(weights @ np.log(np.where(visible, s, rounding))), (V * by_s) @ V.T
 
 
 def _relative_deviation(M: np.ndarray, L: np.ndarray) -> tuple[float, np.ndarray]:

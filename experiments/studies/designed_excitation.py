@@ -24,9 +24,6 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import FourierTrajectory, Limits
 from sim.simulation.simulate import LONGEST, RATE
 
-POSTURES = 200
-"""Random postures in which loops are closed before a search, which starts from the nearest."""
-
 PER_PERIOD = 10
 """Smallest number of samples in a period of the fastest harmonic."""
 
@@ -252,9 +249,10 @@ def _within_loops(problem: DesignProblem, limits: Limits) -> tuple[DesignProblem
         return problem, limits
     rest = np.array([problem.rest[joint] for joint in problem.joints])
     low, high = reachable(tree, problem.whole.ranges, rest, limits.low, limits.high)
-    q = np.random.default_rng(0).uniform(low, high, (POSTURES, len(low)))
+    # Searches start from the nearest of some random postures in which the loops are closed.
+    q = np.random.default_rng(0).uniform(low, high, (200, len(low)))
     places = [tree.joints.index(joint) for joint in tree.closure.independent]
-    closure = tree.closure.along(q[:, places], np.zeros(POSTURES))
+    closure = tree.closure.along(q[:, places], np.zeros(len(q)))
     mechanism = replace(problem.mechanism, tree=replace(tree, closure=closure))
     return replace(problem, mechanism=mechanism), replace(limits, low=low, high=high)
 

@@ -34,12 +34,6 @@ SLIP = 0.03
 """Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says
 little of it on a real joint, and its derivatives exist."""
 
-INSTANTS = 200
-"""Number of random states at which columns are compared."""
-
-USUAL = 0.1
-"""Friction, rotor and spring torques of a joint for which the model states none, over the torques of its links."""
-
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
@@ -225,7 +219,7 @@ def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence
     names = tuple(name for name in names if column_place(name)[1] in channels)
     equations = Equations(mechanism, parameters, torques=felt, channels=channels, drives=names)
     motion = random_motion(mechanism)
-    return separable(equations, Samples(motion, np.zeros((INSTANTS, len(channels))))).drives
+    return separable(equations, Samples(motion, np.zeros((len(motion), len(channels))))).drives
 
 
 def drive_signals(mechanism: Mechanism, drives: Sequence[str], motion: Motion) -> np.ndarray:
@@ -260,10 +254,10 @@ def drives_pulled_back(
 
 
 def drive_deviations(mechanism: Mechanism, drives: Sequence[str]) -> np.ndarray:
-    """Prior standard deviations of drives: those of the model's values, else of usual ones (d,)."""
+    """Prior standard deviations of drives: those of the model's values, else a tenth of the links' torques (d,)."""
     motion = random_motion(mechanism)
     torques = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity) @ mechanism.known
-    size, per = USUAL * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
+    size, per = 0.1 * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
     usual = np.array([size[k] / per.get(kind, 1.0) for kind, k in _places(mechanism, drives)])
     stated = DRIVE_KNOWN * stated_values(mechanism, drives)
     return np.where(stated > 0, stated, usual)
@@ -275,11 +269,11 @@ def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]
     return [(kind, freedoms.index(freedom)) for kind, freedom in map(column_place, drives)]
 
 
-def random_motion(mechanism: Mechanism) -> Motion:
+def random_motion(mechanism: Mechanism, number: int = 200) -> Motion:
     """Random states at which columns are compared, with loops closed."""
     rng, tree = np.random.default_rng(0), mechanism.tree
-    q, dq, ddq = rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms)))
-    closed = tree.closure.drawn(rng, INSTANTS) if tree.closure else {}
+    q, dq, ddq = rng.uniform(-1, 1, size=(3, number, len(tree.freedoms)))
+    closed = tree.closure.drawn(rng, number) if tree.closure else {}
     for joint, x in closed.items():
         q[:, [tree.joints.index(joint)]] = x
     return Motion(q, dq, ddq)

@@ -43,18 +43,8 @@ HELD_OUT = 1000
 FILE = "persons.npz"
 """File in the output folder with the persons of whom intervals are counted."""
 
-CORRELATED = 0.9
-"""Autocorrelation of correlated noise of angles at a lag of one sample."""
-
-LEAST_SINGULAR = 1e-3
-"""Singular values over the largest, below which least squares keeps the prior."""
-
-
 MOVED = 0.5
 """Standard deviation over the prior one, below which a combination counts as determined."""
-
-DISTINCT = 1e-10
-"""Smallest variance over the prior one that is distinguishable from rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +106,8 @@ class PersonStudy:
         variances, directions = linalg.eigh(
             covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
         )
-        uncertain = variances > DISTINCT
+        # Smaller ones are rounding beside the prior's.
+        uncertain = variances > 1e-10
         std = np.sqrt(variances[uncertain])
         return std, directions[:, uncertain].T @ (self.estimate.psi - self.psi) / std
 
@@ -241,13 +232,16 @@ def beginning(piece: Piece, seconds: float) -> Piece:
 
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
-    """Base parameters next to the prior with the best fit at filtered states, treated as exact (r,)."""
+    """Base parameters next to the prior with the best fit at filtered states, treated as exact (r,).
+
+    The prior is kept where a singular value is below a thousandth of the largest.
+    """
     logs = [prepared(part.log.mechanism, part.log.recording, cutoff=USUAL) for part in estimate.logs]
     equations = logs[0].equations
     samples = joined([log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs])
     R = accumulate(equations, samples).root
     prior = equations.parameters.regroup(equations.mechanism.known)
-    step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SINGULAR)
+    step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=1e-3)
     return np.asarray(prior + step)
 
 
@@ -318,7 +312,7 @@ def laboratory(source: str, rate: float, noise: float | None = None) -> Laborato
     noise = Laboratory.angle_deg if noise is None else noise
     if not 0 < noise < 30:
         raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {noise:g}.")
-    return Laboratory(noise, CORRELATED if source == "correlated" else 0.0, rate=rate)
+    return Laboratory(noise, 0.9 if source == "correlated" else 0.0, rate=rate)
 
 
 def with_and_without_rail(

@@ -73,15 +73,6 @@ class Laboratory:
         return np.arange(round(seconds * self.rate)) / self.rate
 
 
-EACH = 4
-"""Markers on each body."""
-
-LASTS = 0.3
-"""Correlation time of the skin's random motion, s."""
-
-PER_RADIAN = 2.0
-"""Shift of the skin per radian of the body's joint, over the standard deviation of its random motion."""
-
 BASE = "pelvis"
 """The root body."""
 
@@ -173,8 +164,8 @@ def from_markers(
 ) -> Recording:
     """Recording with angles and base pose fitted to noisy markers, as by `multicontact angles`.
 
-    Skin moves over bone at random, correlated over about `LASTS`, and shifts as the joint turns, each marker in its
-    own direction.
+    Skin moves over bone at random, correlated over about 0.3 s, and shifts as the joint turns, each marker in its own
+    direction: per radian by twice the standard deviation of the random motion.
 
     Args:
         who: The stated person, whose joints the fit uses.
@@ -192,12 +183,12 @@ def from_markers(
         poses = motion.base.T[:, None] @ poses
     turns = tree.body_coordinates(motion.q)
     noise, skin = size
-    decay = np.exp(-float(np.median(np.diff(time))) / LASTS)
+    decay = np.exp(-float(np.median(np.diff(time))) / 0.3)
     measured = []
     for body, place in places:
         i = tree.names.index(body)
         by_chance = np.stack([autoregressive(rng, len(time), decay) for _ in range(3)], axis=1)
-        slides = PER_RADIAN * _direction(rng) * _turned(turns[i])[:, None]
+        slides = 2 * _direction(rng) * _turned(turns[i])[:, None]
         own = place + skin * (by_chance + slides)
         at = poses[:, i, :3, 3] + (poses[:, i, :3, :3] @ own[..., None])[..., 0]
         measured.append(at + noise * rng.normal(size=at.shape))
@@ -221,7 +212,7 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _marked(who: Mechanism) -> tuple[MarkedModel, list[tuple[str, np.ndarray]]]:
-    """The model with `EACH` markers on each body with mass, and these bodies and positions in their frames.
+    """The model with four markers on each body with mass, and these bodies and positions in their frames.
 
     Markers are at random points of the ellipsoid with the body's mass and moments of inertia.
     """
@@ -232,7 +223,7 @@ def _marked(who: Mechanism) -> tuple[MarkedModel, list[tuple[str, np.ndarray]]]:
         moments, axes = np.linalg.eigh(central)
         # Moments of an ellipsoid of half-axes a: m (a_j² + a_k²) / 5.
         half = np.sqrt(np.maximum(5 / mass * (moments.sum() / 2 - moments), 0))
-        for k in range(EACH):
+        for k in range(4):
             place = centre + axes @ (half * _direction(rng))
             labels.append(f"{body}_marker{k}")
             spec.body(body).add_site(name=labels[-1], pos=place)

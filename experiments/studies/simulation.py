@@ -21,9 +21,6 @@ from sim.simulation.simulate import simulate, simulate_many, with_noise
 FILE, TRAJECTORY_FILE, SWEEP_FILE = "trials.npz", "trials_trajectory.npz", "runs.npz"
 """Files in the output folder with all trials, by least squares and by trajectory estimates, and a sweep's runs."""
 
-BATCH = 8
-"""Largest number of trials in a worker's task: half a second's work if all noise is drawn anew."""
-
 Outcome = np.ndarray
 """Errors and predicted standard deviations of each model's base parameters (models, 2, parameters)."""
 
@@ -95,7 +92,8 @@ def run_trials(
         workers: Workers that share them.
     """
     work = partial(_outcomes, draw, analyse, workers.threads)
-    return np.array(workers.collected(work, range(trials), kept, batch=BATCH))
+    # Eight trials are half a second's work if all noise is drawn anew.
+    return np.array(workers.collected(work, range(trials), kept, batch=8))
 
 
 def _outcomes(

@@ -28,9 +28,6 @@ from sim.simulation.commanded import rolled_out
 MARKERS = ".trc"
 """Suffix of files that hold only markers."""
 
-LONGEST = 30.0
-"""Longest simulated time, s: beyond, errors of joints without a restoring force only add up."""
-
 
 @contextmanager
 def with_angles(
@@ -137,7 +134,8 @@ def following(result: Estimate) -> Following | None:
     # After the fitted samples, else of all.
     samples, rate = len(result.prepared.samples), log.recording.rate
     first = result.part.stop if samples - result.part.stop > 1 else 0
-    held = slice(first, min(samples, first + round(LONGEST * rate)))
+    # Beyond half a minute errors of joints without a restoring force only add up.
+    held = slice(first, min(samples, first + round(30 * rate)))
     recording, rates = part_of(log.recording, held), log.samples.motion.dq[held.start]
     lag = next((each.value for each in result.setup if each.name == "lag"), 0.0)
     phi, drives = result.consistent().phi, result.drives_updated

@@ -20,12 +20,6 @@ from ident.tolerances import ROUNDING
 FEW = 6
 """Largest number of lengths for which coefficients are exact with arbitrary directions."""
 
-LONG = 1000
-"""Largest denominator of fractions that are not written as decimals."""
-
-DENOMINATOR = 10**9
-"""Largest denominator of the fractions for other entries, which are then right to 1e-16."""
-
 
 class Symbol(sympy.Symbol):  # type: ignore[misc]
     """A real symbol that numpy's sine and cosine take."""
@@ -112,7 +106,7 @@ def decimals(x: sympy.Expr, digits: int) -> sympy.Expr:
         whole = sympy.Integer(int(value))
         return whole if abs(whole) < 10**digits and (value - whole).is_zero else value
 
-    return sympy.sympify(x).replace(lambda part: part.is_Float or (part.is_Rational and part.q > LONG), rounded)
+    return sympy.sympify(x).replace(lambda part: part.is_Float or (part.is_Rational and part.q > 1000), rounded)
 
 
 def exact_base_parameters(tree: Tree, lengths: list[Symbol]) -> BaseParameters:
@@ -214,7 +208,8 @@ def _exact_number(x: float) -> sympy.Rational:
 
 
 def _fraction(x: float) -> sympy.Rational:
-    return sympy.Rational(Fraction(float(x)).limit_denominator(DENOMINATOR) if abs(x) > ROUNDING else 0)
+    """The fraction of at most nine digits below the bar that is next to a number, right to 1e-16 for usual ones."""
+    return sympy.Rational(Fraction(float(x)).limit_denominator(10**9) if abs(x) > ROUNDING else 0)
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:

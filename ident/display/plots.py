@@ -56,23 +56,8 @@ MEASURED, ESTIMATED = "black", "C1"
 SLOW: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low velocity, not judged"}
 """Style of spans in which joints are so slow that friction makes their torques indeterminate."""
 
-COLUMN_ROWS, COLUMN_PANELS = 24, 16
-"""Largest numbers of parameters and of channels in a figure of one column; more take the width of the page."""
-
 JOINTS = {"position": "rad or m", "command": "rad or m", "torque": "N m or N"}
 """Quantities of joints that are drawn, and their units where a recording states none."""
-
-LINES = 10
-"""Largest number of lines that a panel names."""
-
-LETTERS = 34
-"""Largest number of letters above a panel: more would reach into the panel beside it."""
-
-VISIBLE = 0.012
-"""Smallest visible share of a panel's width, about a point."""
-
-RESOLUTION = 512
-"""Samples of a piece of a spectrum: at 100 Hz it has a point each 0.2 Hz."""
 
 
 def parameters_figure(
@@ -147,10 +132,10 @@ def spectra_figure(
     return figure
 
 
-def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies in Hz and amplitude spectral densities of signals (N, …), by Welch's method."""
+def amplitude_spectrum(x: np.ndarray, rate: float, piece: int = 512) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz and amplitude spectral densities of signals (N, …), by Welch's method from pieces of them."""
     # Equal to scipy.signal.welch, which takes half a second to import.
-    length = min(len(x), RESOLUTION)
+    length = min(len(x), piece)
     window = np.hanning(length + 1)[:-1]
     starts = np.arange(0, len(x) - length + 1, length - length // 2)
     pieces = np.moveaxis(x[starts[:, None] + np.arange(length)], 1, -1)
@@ -174,7 +159,7 @@ def recording_figure(
             ax.plot(time, x, lw=1, label=name)
         ax.set_ylabel(label)
         ax.margins(x=0)
-        if len(lines) <= LINES:
+        if len(lines) <= 10:
             ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     axes[-1].set_xlabel("Time (s)")
     return figure
@@ -206,7 +191,7 @@ def row_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Figure
     Returns:
         The figure, and for each panel its axes and the indices of its rows, which are their ordinates as well.
     """
-    across = 1 if len(labels) <= COLUMN_ROWS else sheet.abreast
+    across = 1 if len(labels) <= 24 else sheet.abreast
     rows = max(1, -(-len(labels) // across))
     figure = _figure(sheet, sheet.column if across == 1 else sheet.text, sheet.margin + sheet.row * rows)
     panels = []
@@ -222,7 +207,7 @@ def row_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Figure
 
 def channel_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Figure, list[Axes]]:
     """A figure with a panel below each label, from top to bottom and then from left to right."""
-    columns, width = (2, sheet.column) if len(labels) <= COLUMN_PANELS else (4, sheet.text)
+    columns, width = (2, sheet.column) if len(labels) <= 16 else (4, sheet.text)
     rows = -(-len(labels) // columns)
     figure = _figure(sheet, width, min(sheet.margin + sheet.panel * rows, sheet.height))
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
@@ -242,12 +227,15 @@ def channel_labels(equations: Equations, per: str = "") -> list[str]:
     return [f"{name} ({channel_unit(name, equations.mechanism.tree)}{per})" for name in equations.channels]
 
 
-def label_above(ax: Axes, label: str) -> None:
-    """Writes the label of an ordinate above it, where it can be read without turning the head."""
+def label_above(ax: Axes, label: str, letters: int = 34) -> None:
+    """Writes the label of an ordinate above it, where it can be read without turning the head.
+
+    More letters would reach into the panel beside it: a longer label lacks its middle.
+    """
     # A layout leaves room for the whole of a title, and for half the height of a turned label. With a stated place,
     # no ticks are measured to find one.
-    half = LETTERS // 2
-    title = label if len(label) <= LETTERS else f"{label[:half]}…{label[-half:]}"
+    half = letters // 2
+    title = label if len(label) <= letters else f"{label[:half]}…{label[-half:]}"
     ax.set_title(title, loc="left", pad=3, y=1.0)
     ax.set_ylabel(label, visible=False)
     ax.yaxis.set_label_coords(0, 0)
@@ -298,7 +286,8 @@ def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
 
 def visible_spans(spans: np.ndarray, shown: float) -> np.ndarray:
     """Spans in order (k, 2), widened to be visible on an abscissa of length `shown`, and merged if nearly touching."""
-    least = VISIBLE * shown
+    # About a point of a panel's width.
+    least = 0.012 * shown
     spare = np.maximum(least - np.diff(spans, axis=1), 0) / 2
     wide = spans + np.hstack([-spare, spare])
     apart = np.flatnonzero(wide[1:, 0] - wide[:-1, 1] > least) + 1

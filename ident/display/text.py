@@ -17,12 +17,6 @@ PAGES: "WeakKeyDictionary[Any, Path]" = WeakKeyDictionary()
 WIDTH = 120
 """Longest line of a sentence."""
 
-SHOWN = 30
-"""Largest number of parameters of a kind that a summary shows."""
-
-LONGEST = 40
-"""Largest number of letters of a regrouping in a summary."""
-
 
 def decimals_of(std: float | None) -> int | None:
     """Decimals that leave a standard deviation two significant digits; None if it is zero or unknown.
@@ -81,11 +75,13 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
     return [line(heads), *map(line, rows)]
 
 
-def first_parameters(parameters: Sequence[Parameter], undetermined: Collection[str]) -> tuple[list[Parameter], str]:
+def first_parameters(
+    parameters: Sequence[Parameter], undetermined: Collection[str], most: int = 30
+) -> tuple[list[Parameter], str]:
     """The first determined parameters of each kind, and a sentence on the others, "" for none."""
     every = [each for each in parameters if each.name not in undetermined]
     kinds = dict.fromkeys(each.kind for each in every)
-    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:SHOWN]]
+    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:most]]
     left = len(parameters) - len(out)
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
 
@@ -101,9 +97,9 @@ def undetermined_sentence(names: Sequence[str], joints: Iterable[str]) -> str:
     )
 
 
-def _short(regrouping: str) -> str:
+def _short(regrouping: str, letters: int = 40) -> str:
     """The regrouping, or its beginning if it is long."""
-    return regrouping if len(regrouping) <= LONGEST else f"{regrouping[: LONGEST - 2]} …"
+    return regrouping if len(regrouping) <= letters else f"{regrouping[: letters - 2]} …"
 
 
 def summary_text(headline: str, parameters: Iterable[Parameter], sentences: Iterable[str]) -> str:

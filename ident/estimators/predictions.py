@@ -56,10 +56,6 @@ class Candidate:
 LONGEST = 0.5
 """Longest time constant of smoothing to try, s, a filter at 0.3 Hz."""
 
-SHORTEST = 0.5
-"""Shortest one over the time between samples, a filter at a third of their rate: without noise heel strikes need it,
-and even shorter ones would pass outliers."""
-
 STEPS = 0.5, 0.25, 0.125
 """Steps in octaves in which constants near the best of those an octave apart are tried: of somebody who lifts, a
 quarter of an octave beside the best one adds a fifth to the residual of a moment."""
@@ -195,8 +191,9 @@ class Predictions:
 
     def _constants(self, candidate: Candidate, setup: TrajectoryEstimate) -> np.ndarray:
         """Time constants of smoothing, s, for all recordings to judge by or for each that is left out (1 or J, C)."""
-        # Octaves from the longest constant, exact as keys.
-        finest = SHORTEST * min(float(np.median(np.diff(log.prepared.recording.time))) for log in self.logs)
+        # Octaves from the longest constant, exact as keys, to half the time between samples, a filter at a third of
+        # their rate: without noise heel strikes need it, and even shorter ones would pass outliers.
+        finest = 0.5 * min(float(np.median(np.diff(log.prepared.recording.time))) for log in self.logs)
         lowest = min(float(np.ceil(np.log2(finest / LONGEST) / STEPS[-1])) * STEPS[-1], 0.0)
         new, squares = np.arange(0.0, lowest - STEPS[-1], -1.0), dict[float, np.ndarray]()
         for step in (*STEPS, 0.0):

@@ -20,9 +20,6 @@ CLEARLY = 1.25
 """The same from which it is clearly better: of a hundred independent samples, more than which few held-out parts have,
 the root mean square is known to 7 % and the ratio of two to 10 %."""
 
-BETTER = 1.05
-"""Median over the channels of the ratio of two residuals from which one candidate predicts better than another one."""
-
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
 
@@ -79,10 +76,10 @@ class Candidates:
 
     @property
     def better_overall(self) -> str | None:
-        """The other candidate that predicts best of those that are better in the median channel and overall."""
+        """The other candidate that predicts best of those better overall, and by 5 % in the median channel."""
         others = [name for name in RIVALS if name in self.ratios and self.channels]
         own = self.overall(ESTIMATE)
-        ahead = [name for name in others if self.overall(name) < own and self.behind(name) > BETTER]
+        ahead = [name for name in others if self.overall(name) < own and self.behind(name) > 1.05]
         return min(ahead, key=self.overall, default=None)
 
     def pairs(self, other: str) -> dict[str, tuple[float, float]]:

@@ -14,14 +14,11 @@ from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import applied, coAd, hat, inverse
 from ident.judgement import model_fit
-from ident.judgement.torque_checks import TorqueChecks, torque_checks
+from ident.judgement.torque_checks import TorqueChecks, moved_bodies, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
 from ident.tolerances import FAR_BETTER
-
-NOISE_WANDERS = 1 / 15
-"""Distance from a measured contact at which its noise may seem to act, of the mechanism's size: half a foot."""
 
 
 class FrameCheck(NamedTuple):
@@ -61,13 +58,6 @@ class BaseCheck(NamedTuple):
     error: float
     error_there: float
 
-
-MIRRORED, NOTABLE = 0.4, 0.1
-"""Error of a component with the opposite sign, over that as it is, below which it is mirrored; and size of its
-prediction over that of its force or moment from which that can be said."""
-
-CLOSE = 0.2
-"""Weight of the distance of a point of contact from the body's joints, beside that of the forces from the point."""
 
 NEAR = 0.12
 """Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
@@ -119,14 +109,17 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
 
 
 def _mirrored(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray) -> list[int]:
-    """Components that are far nearer to their predictions with the opposite sign, among those with a notable one."""
+    """Components that are far nearer to their predictions with the opposite sign, by a factor of 0.4.
+
+    Their predictions have at least a tenth of the size of the whole force or moment.
+    """
     signs = []
     # Offsets may be large, and motions small beside the weight.
     for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
         as_is, opposite = (np.linalg.norm(x - sign * y, axis=0) for sign in (1, -1))
         sizes = np.linalg.norm(y, axis=0)
-        notable = sizes > NOTABLE * np.repeat(np.linalg.norm(sizes.reshape(2, 3), axis=1), 3)
-        signs.append(notable * (1 * (opposite < MIRRORED * as_is) - (as_is < opposite)))
+        notable = sizes > 0.1 * np.repeat(np.linalg.norm(sizes.reshape(2, 3), axis=1), 3)
+        signs.append(notable * (1 * (opposite < 0.4 * as_is) - (as_is < opposite)))
     return np.flatnonzero(known & (np.max(signs, axis=0) > 0) & (signs[1] >= 0)).tolist()
 
 
@@ -175,15 +168,13 @@ def check_base(
     Returns:
         The best of them; None if it is not far better than the base's.
     """
-    poses, rest = tree.poses(q[None])[0], list[int]()
-    for i, body in enumerate(tree.bodies):
-        rest += [i] if not body.moves and (body.parent < 0 or body.parent in rest) else []
+    poses, rest = tree.poses(q[None])[0], set(range(len(tree.bodies))) - moved_bodies(tree)
     in_base, known = predicted @ coAd(frame).T, np.isfinite(measured).all(axis=0)
 
     def error(T: np.ndarray) -> float:
         return _size((measured - in_base @ coAd(inverse(T @ frame)).T) / _scale(predicted), known)
 
-    stated, others = error(np.eye(4)), [i for i in rest if not np.allclose(poses[i], np.eye(4), atol=1e-6)]
+    stated, others = error(np.eye(4)), [i for i in sorted(rest) if not np.allclose(poses[i], np.eye(4), atol=1e-6)]
     checks = [BaseCheck(tree.names[i], stated, error(poses[i])) for i in others]
     best = min(checks, key=lambda check: check.error_there, default=None)
     return best if best is not None and best.error_there < FAR_BETTER * stated else None
@@ -252,9 +243,10 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
     point = _least_squares(rows, target)
     total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
     pushed, distances = max(float(np.linalg.norm(force)), TINY), []
-    near = np.vstack([rows / pushed, np.eye(3) * CLOSE])
+    # The point's distance from the body's joints counts a fifth of that of the forces from the point.
+    near = np.vstack([rows / pushed, np.eye(3) / 5])
     for joint in [np.zeros(3), *(body.home[:3, 3] for body in tree.bodies if body.parent == i)]:
-        aim = np.append(target / pushed, CLOSE * joint)
+        aim = np.append(target / pushed, joint / 5)
         distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
     return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
 
@@ -441,7 +433,8 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
         raise NotCheckedError("not fitted", *np.array(COMPONENTS)[~known].tolist())
     tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
-    # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.
+    # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them, and
+    # wanders by a fifteenth of the mechanism's size, half a foot of a person.
     measured = {sensor.body for name, sensor in prepared.recording.sensors.items() if sensor.body and name != GROUND}
     size = float(np.linalg.norm(np.ptp(tree.poses(q)[:, :, :3, 3], axis=1), axis=1).max())
-    return check_contact(tree, q, in_base, measured, near=min(NEAR, NOISE_WANDERS * size))
+    return check_contact(tree, q, in_base, measured, near=min(NEAR, size / 15))

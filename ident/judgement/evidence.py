@@ -24,10 +24,6 @@ from ident.regression.ordinary import Fit
 from ident.tolerances import CONDITION_LIMIT, ROUNDING
 from ident.trajectory.result import TrajectoryEstimate
 
-LINEARISED = 3
-"""Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
-time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
-
 
 @dataclass(frozen=True)
 class Unmodelled:
@@ -234,7 +230,9 @@ class Evidence:
         fitted = partial(fitted, bodies=arm.bodies, masses=known["mass"], rotors=rotors)
         # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
         full = fitted(known=prior_at(at=prior))
-        for _ in range(LINEARISED if included else 0):
+        # A prior of masses, centres and central inertias is made linear in φ about the bodies before; the third time no
+        # parameter of a person changes by more than .02 (kg, kg m, kg m²).
+        for _ in range(3 if included else 0):
             full = fitted(known=prior_at(at=full.phi))
         wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(at=full.phi if included else prior))
         # Frames stay without mass.

@@ -19,10 +19,6 @@ from ident.trajectory.result import TrajectoryEstimate
 WORDS = 7
 """Largest number of words in a title."""
 
-MOSTLY_SETUP = 2.0
-"""Standard deviation of a set-up error over that from noise alone, above which its sentence has both: a tilt that is
-clear against the noise may look doubtful beside a sensor that may be turned."""
-
 
 @dataclass(frozen=True)
 class Place:
@@ -269,12 +265,15 @@ def place_of(each: SetupParameter) -> Place:
 
 
 def sentence(each: SetupParameter, value: float, std: float, noise: float = inf) -> str:
-    """Error of the set-up and its size in one sentence, also ± from noise alone if that is far smaller."""
+    """Error of the set-up and its size in one sentence, also ± from noise alone if that is less than half.
+
+    A tilt that is clear against the noise may look doubtful beside a sensor that may be turned.
+    """
     unit = each.row.unit
     size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
-    if std > MOSTLY_SETUP * noise:
+    if std > 2 * noise:
         alone = rounded(noise * unit.factor, noise * unit.factor)[1]
         where += f", ± {alone}{unit.shown} if the rest of the set-up is right"
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"

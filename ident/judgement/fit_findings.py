@@ -16,9 +16,6 @@ from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 from ident.trajectory.fit.repeats import repeating
 
-RESTLESS = 0.3
-"""Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
-
 FAR_LESS = 30.0
 """Standard deviation from the data over that of the prior from which the motion determines nothing: .2 and .3 in a
 simulated arm and a real pendulum, 43 in a real UR10 whose torques leave one combination open, more for people."""
@@ -32,20 +29,13 @@ CHANGED = 2.0
 predicted beside other candidates: trials of a real pendulum that disagree have up to 1.8, one whose force reads a fifth
 more has 4."""
 
-BEYOND, RARELY = 0.05, 0.01
-"""Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
-
-OF_THE_MOTION = 0.5
-"""Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
-residual is not negligible."""
-
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A doubt on a trajectory estimate that has not converged."""
+    """A doubt on a trajectory estimate that has not converged, to a third of a standard deviation."""
     if evidence.trajectory is None:
         return
     fit = evidence.trajectory.fit
-    if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
+    if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > 0.3):
         yield Finding.of("not_converged", status=fit.status, rounds=len(fit.trace))
 
 
@@ -113,16 +103,16 @@ def _separated(evidence: Evidence, covariance: np.ndarray) -> bool:
 
 
 def posture_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on joints that were recorded beyond the model's ranges."""
+    """Findings on joints that were recorded beyond the model's ranges, by 5 % of a range in 1 % of the samples."""
     mechanism = evidence.mechanism
     beyond: dict[str, float] = {}
     coordinates = mechanism.tree.body_coordinates(evidence.prepared.samples.motion.q)
     for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
         if joint in mechanism.ranges and q.shape[1] == 1:
             low, high = mechanism.ranges[joint]
-            slack = BEYOND * (high - low)
+            slack = 0.05 * (high - low)
             share = float(((q < low - slack) | (q > high + slack)).mean())
-            beyond |= {joint: share} if share > RARELY else {}
+            beyond |= {joint: share} if share > 0.01 else {}
     if beyond:
         yield Finding.of("beyond_joint_ranges", shares=beyond)
 
@@ -156,11 +146,11 @@ def quality_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on channels whose residuals depend on the motion."""
+    """Doubt on channels half of whose residual's variance depends on the motion, if that is not negligible."""
     if evidence.trajectory is None:
         return
     shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
-    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > NEGLIGIBLE):
+    if channels := tuple(c for c, share, ratio in shares if share > 0.5 and ratio > NEGLIGIBLE):
         yield Finding.of("residual_follows_motion", channels=channels)
 
 

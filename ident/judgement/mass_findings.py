@@ -26,27 +26,6 @@ from ident.tolerances import DRIVE, INTERVAL, SIGNIFICANT
 HEAVY = 0.05
 """Relative difference of the measured mass from the model's from which there is a remark."""
 
-FAR_OFF = 0.3
-"""The same from which it is a doubt."""
-
-DRIFT = 0.02
-"""Drift of the measured mass over the model's from which there is a remark."""
-
-OFFSET = 0.1
-"""Constant offset over the weight, for moments over the weight times the mechanism's reach, that is a doubt."""
-
-NOTICED = 0.01
-"""Change of the mass by the set-up, over the model's mass, from which there is a remark."""
-
-SPANNED = 1e-6
-"""Part of the masses outside the span of the base parameters up to which these determine the whole mass."""
-
-FAR = 2.0
-"""Distance of the physical bodies from the estimate, over √r, its size by noise alone, above which it is a doubt."""
-
-NARROWER = 0.5
-"""Standard deviation of a mass over that of the prior below which the data determine it."""
-
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
 
@@ -73,7 +52,8 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
     masses = np.tile(np.eye(10)[0], len(evidence.mechanism.bodies))
     B = evidence.fit.parameters.regroup(np.eye(len(masses)))
     c = np.linalg.lstsq(B, masses, rcond=None)[0]
-    if np.linalg.norm(B @ c - masses) > SPANNED * np.linalg.norm(masses):
+    # Masses outside the span of the base parameters, by more than rounding.
+    if np.linalg.norm(B @ c - masses) > 1e-6 * np.linalg.norm(masses):
         return None
     variances = (c @ C[: len(c), : len(c)] @ c for C in (evidence.covariance, evidence.covariance_setup))
     return Mass(float(c @ evidence.fit.psi), *(float(np.sqrt(max(variance, 0))) for variance in variances))
@@ -82,22 +62,23 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
 def weight_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on a weighed mass that differs from the model's or drifts, and on another one by the set-up or a gain.
 
-    Set-up errors may change the mass from that by the wrenches, and a gain that all channels share explains any.
+    A drift of 2 % of the model's mass is a remark, a difference of 30 % a doubt. Set-up errors may change the mass from
+    that by the wrenches, and a gain that all channels share explains any.
     """
     if (weight := evidence.checks.weight) is None:
         return
     measured, model, drift = weight
     if abs(measured - model) > HEAVY * model:
-        far = abs(measured - model) > FAR_OFF * model
+        far = abs(measured - model) > 0.3 * model
         yield Finding.of("weight_differs", doubt=far, measured=measured, model=model)
-    if abs(drift) > DRIFT * model:
+    if abs(drift) > 0.02 * model:
         yield Finding.of("weight_drifts", drift=drift)
     if (mass := estimated_mass(evidence)) is None:
         return
     value, std, std_setup = mass
     if any(SETUP[each.kind].weighs for each in evidence.setup):
         weighed = standing_mass(evidence.prepared)
-        if abs(value - weighed) >= max(INTERVAL * std, NOTICED * model):
+        if abs(value - weighed) >= max(INTERVAL * std, 0.01 * model):
             farther = abs(value - model) > max(abs(weighed - model), HEAVY * model)
             yield Finding.of("mass_by_setup", doubt=farther, mass=value, std=std, weighed=weighed, model=model)
     z = -float(special.ndtri(SIGNIFICANT / 2))
@@ -106,7 +87,7 @@ def weight_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def offset_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on constant offsets beyond noise, doubts if they are large relative to the weight."""
+    """Findings on constant offsets beyond noise: doubts from a tenth of the weight, for moments times the reach."""
     offsets, scales = evidence.offsets, dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
     large = {
         channel: (value, std, coefficient_unit(f"offset({channel})", evidence.mechanism.tree))
@@ -117,7 +98,7 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     references = _references(evidence)
     of_weight = {c: abs(offsets[c][0]) / references[c[0]] for c in large if c in COMPONENTS}
-    if huge := {c: share for c, share in of_weight.items() if share > OFFSET}:
+    if huge := {c: share for c, share in of_weight.items() if share > 0.1}:
         yield Finding.of("large_offsets", offsets={c: large[c] for c in huge}, shares=huge)
     yield Finding.of("offsets_taken_out" if evidence.fit.equations.offsets else "offsets_not_fitted", offsets=large)
 
@@ -151,7 +132,8 @@ def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
     elif full.attainable:
         yield Finding.of("physical_within_region", place, moved=moved)
     else:
-        far = full.distance > FAR * float(np.sqrt(len(full.psi)))
+        # By noise alone it is about √r.
+        far = full.distance > 2 * float(np.sqrt(len(full.psi)))
         yield Finding.of("no_physical_bodies", place, doubt=far, moved=moved)
     if full.rotors:
         joints = tuple(column_place(name)[1] for name in full.rotors)
@@ -200,7 +182,8 @@ def _rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]
 def _tool_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on last links that are heavier than the model if the other bodies are as well known as usually.
 
-    Data and that prior have to determine the mass; its interval and that of the first moment exclude the model's.
+    Data and that prior have to halve the mass's deviation; its interval and that of the first moment exclude the
+    model's.
     """
     mechanism, known = evidence.mechanism, evidence.known
     included = evidence.trajectory is not None and evidence.trajectory.known
@@ -213,7 +196,7 @@ def _tool_findings(evidence: Evidence) -> Iterator[Finding]:
     grown = size - np.linalg.norm(before[:, 1:], axis=1)
     std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, 1e-300)
     more, least = phi[:, 0] - before[:, 0], np.maximum(INTERVAL * std[:, 0], known["mass"] * before[:, 0])
-    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
+    heavier = (std[:, 0] < 0.5 * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
     last = _last_links(mechanism)
     for k in np.flatnonzero(heavier).tolist():
         if mechanism.tree.inertial[k] in last:

@@ -49,15 +49,8 @@ direction up to which the set-up's tilt of gravity explains it."""
 TURNS = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125
 """Turns by which a direction is searched about the best axis or corner, rad: first less than half their distance."""
 
-BRAKING = -0.02
-"""Mean power of the torques over their size, below which they would drive against friction, so that their signs are
-wrong: masses and springs return their energy."""
-
-FARTHEST, STEP = 1.0, 0.02
-"""Longest delay that is tried, s, unless that is more than a tenth of the recording; and the spacing of delays, s."""
-
-SURE = 4.0
-"""Standard deviations from zero from which a delay is one."""
+STEP = 0.02
+"""Spacing of delays, s."""
 
 
 def right_angled_rotations() -> list[np.ndarray]:
@@ -226,7 +219,8 @@ def gravity_check(
     best = _best(fit)
     stated, misfit, along = fit.misfit(fit.down), fit.misfit(best), float(fit.down @ best)
     # Other signs or offsets of channels, or axes of the wrench: what is alike counts as it is likelier.
-    other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE)
+    # Torques with negative power would drive against friction, as masses and springs return their energy.
+    other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < -0.02 else TIE)
     # Where joints move in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     lighter = fit.misfit(along * fit.down) if along > TURNS[-1] else np.inf
     possible = along < AWAY and misfit < min(FAR_BETTER * stated, EXPLAINED, TIE**2 * other, FAR_BETTER * lighter)
@@ -309,12 +303,15 @@ class DelayCheck(NamedTuple):
 
 
 def delay_check(prepared: Prepared) -> DelayCheck | None:
-    """The delay of a wrench or torques that explains most; None where the base moves or commands are fitted."""
+    """The delay of a wrench or torques that explains most; None where the base moves or commands are fitted.
+
+    Delays of up to a second and a tenth of the recording are tried. One is at least four standard deviations from zero.
+    """
     kept = prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))
     if not prepared.recording.is_held(prepared.mechanism.tree) or prepared.recording.servos or len(kept) < 2:
         return None
     samples, time = prepared.samples[kept], prepared.recording.time[kept]
-    reach = min(FARTHEST, 0.1 * (time[-1] - time[0]))
+    reach = min(1.0, 0.1 * (time[-1] - time[0]))
     inside = np.flatnonzero((time >= time[0] + reach) & (time <= time[-1] - reach))
     some = inside[np.linspace(0, len(inside) - 1, min(SAMPLES, len(inside))).astype(int)]
     delays = np.arange(-reach, reach + STEP / 2, STEP)
@@ -330,7 +327,7 @@ def delay_check(prepared: Prepared) -> DelayCheck | None:
         if names:
             misfits = fit.misfits(fit.down, np.array([fit.scaled(each) for each in variants]))
             delay, std = _least(delays, misfits)
-            far = misfits.min() < min(FAR_BETTER * stated, EXPLAINED, least) and abs(delay) > SURE * std
+            far = misfits.min() < min(FAR_BETTER * stated, EXPLAINED, least) and abs(delay) > 4 * std
             checks.append(DelayCheck(of, delay, std, stated, float(misfits.min()), bool(far)))
     return min(checks, key=lambda check: check.misfit)
 

@@ -31,9 +31,6 @@ SHOWN = 3.0
 """Standard deviations of a load's mass above zero from which recordings show it, and from a stated one from which they
 contradict that."""
 
-ROUGH = 0.1
-"""Relative standard deviation of the smallest moment of inertia from which there is a remark."""
-
 TIMES, HEAVIEST = 10.0, 2300.0
 """Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry up to what
 they weigh, but some models have the last links or the gripper alone; the strongest on the market carries 2300 kg."""
@@ -74,7 +71,7 @@ def payload_findings(
         on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     on_fit += _undetermined(identifiable)
-    if least is not None and least[1] > ROUGH:
+    if least is not None and least[1] > 0.1:
         (x, y, z), std, prior = least[0].tolist(), *least[1:]
         on_fit.append(Finding.of("payload_axis_rough", x=x, y=y, z=z, std=std, prior=prior))
     return doubts_first(on_fit)

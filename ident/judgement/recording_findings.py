@@ -14,15 +14,6 @@ from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import FAR_ABOVE, fast_noise
 from ident.recordings.smoothing import UNIFORM
 
-MOST = 0.5
-"""Share of a signal's noise variance due to its steps above which there is a remark."""
-
-THROUGH_A_POINT = 0.5
-"""Least fraction of the residual moment that forces through one point explain for a contact to be suspected."""
-
-LARGE = 0.3
-"""Residual over signal above which a missing contact is considered."""
-
 
 def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubt on the stated direction of gravity."""
@@ -72,9 +63,9 @@ def _axis(direction: np.ndarray) -> str:
 
 
 def contact_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on an unmeasured contact."""
+    """Doubt on an unmeasured contact: forces through one point that explain half of the moment of large residuals."""
     check = evidence.checks.contact
-    if check is None or check.explained < THROUGH_A_POINT or np.median(list(evidence.ratios.values())) < LARGE:
+    if check is None or check.explained < 0.5 or np.median(list(evidence.ratios.values())) < 0.3:
         return
     # Noise of a measured contact is a force through its sensor as well.
     measured = {sensor.body for sensor in evidence.prepared.recording.sensors.values()}
@@ -127,7 +118,8 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
         names = [name for name in each for _ in np.atleast_2d(log.recording[name].T)]
         own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
         noise |= dict(zip(names, own.tolist(), strict=True))
-    least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
+    # Steps that make half of the noise's variance.
+    least = {name: UNIFORM * step / np.sqrt(0.5) for name, step in log.steps.items()}
     if coarse := {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}:
         place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
         yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])

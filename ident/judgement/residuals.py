@@ -16,19 +16,6 @@ from ident.tolerances import LEFT, POOR, SIGNIFICANT, SINGULAR
 from ident.trajectory.left_out import of_contacts
 from ident.trajectory.result import TrajectoryEstimate
 
-ENOUGH = 3000
-"""Largest number of samples, evenly spread, in which residuals are compared with the motion."""
-
-WINDOW = 8
-"""Part of a recording, as its reciprocal, over which a residual's autocorrelation is used: at longer lags it is
-inaccurate, and would include the motion's own frequencies."""
-
-MOVES = 0.01
-"""Range of a joint, rad or m, up to which it rests: its torque is then friction, of any size up to breakaway."""
-
-STILL = 1e-3
-"""Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
-
 FAR_ABOVE = 3.0
 """Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
 
@@ -56,7 +43,7 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     return np.array(times)
 
 
-def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
+def explained_by_motion(residual: np.ndarray, motion: Motion, most: int = 3000) -> np.ndarray:
     """Share of each residual's variance that a function of q, q̇ and q̈ explains, beyond chance (C,).
 
     It is linear in them, sines and cosines of q, or quadratic, whichever explains more beyond chance. Of a stationary
@@ -73,8 +60,9 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     Args:
         residual: Residuals (N, C).
         motion: The motion.
+        most: Largest number of samples that are used, evenly spread.
     """
-    thin = slice(None, None, -(-len(residual) // ENOUGH))
+    thin = slice(None, None, -(-len(residual) // most))
     r = residual[thin] - residual[thin].mean(axis=0)
     spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
     own = motion[thin]
@@ -116,8 +104,12 @@ def _orthonormal(x: np.ndarray) -> np.ndarray:
 
 
 def _spectrum(x: np.ndarray) -> np.ndarray:
-    """Power spectrum of a signal (N,), of mean one over all frequencies, smoothed by Parzen's window (N + 1,)."""
-    lags = np.arange(len(x) + 1) / max(1, len(x) // WINDOW)
+    """Power spectrum of a signal (N,), of mean one over all frequencies, smoothed by Parzen's window (N + 1,).
+
+    At lags beyond an eighth of a recording the autocorrelation is inaccurate, and would include the motion's own
+    frequencies.
+    """
+    lags = np.arange(len(x) + 1) / max(1, len(x) // 8)
     window = np.where(lags < 0.5, 1 - 6 * lags**2 * (1 - lags), 2 * np.maximum(0, 1 - lags) ** 3)
     covariance = window * autocovariance(x)
     correlation = covariance / covariance[0] if covariance[0] > 0 else (lags == 0).astype(float)
@@ -127,7 +119,7 @@ def _spectrum(x: np.ndarray) -> np.ndarray:
 def still_channels(changes: Mapping[str, float]) -> dict[str, str]:
     """The reason `still` by the wrench's components that the model does not change, from predicted changes of all."""
     largest = {kind: max((x for c, x in changes.items() if c[0] == kind), default=0.0) for kind in "FM"}
-    return {c: "still" for c, x in changes.items() if x <= STILL * largest[c[0]]}
+    return {c: "still" for c, x in changes.items() if x <= 1e-3 * largest[c[0]]}
 
 
 def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
@@ -140,7 +132,8 @@ def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
     idle |= {COMPONENTS[k]: "plane" for k in hidden}
     ranges = np.ptp(tree.freedom_coordinates(motion.q), axis=0)
     balls = {name for body in tree.bodies if body.is_ball for name in body.freedom_names}
-    resting = {tree.freedoms[k] for k in equations.torques if ranges[k] < MOVES} - balls
+    # At rest, within 0.01 rad or m, a joint's torque is friction, of any size up to breakaway.
+    resting = {tree.freedoms[k] for k in equations.torques if ranges[k] < 0.01} - balls
     idle |= {channel: "rest" for channel in equations.channels if channel in resting}
     parts = np.split(held.residual, held.starts[1:])
     # Of poses in any order everything is as rough as noise.

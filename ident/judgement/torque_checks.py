@@ -16,9 +16,9 @@ from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.judgement.residuals import coefficients, correlated_samples
-from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
@@ -28,9 +28,6 @@ from ident.tolerances import FAR_BETTER, SINGULAR
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
 """Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""
 
-ENOUGH = 4000
-"""Largest number of samples used, evenly spread."""
-
 SCALE, ALIKE = 3.0, 0.8
 """Factor between measured and predicted torque from which a unit or a gear ratio is missing; and the least share of the
 measured variance that the prediction must explain for that."""
@@ -39,9 +36,6 @@ FAR = 2.0
 """Distance of a torque from the model's, over the largest that likely bodies explain, above which the unit is wrong.
 Smaller ones may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm
 in its model, is 11.6 times the model's."""
-
-MISSING = 0.5
-"""Share of the residual that must vanish without a body for it to count as not carried."""
 
 
 class TorqueLoad(NamedTuple):
@@ -121,10 +115,10 @@ class TorqueChecks(NamedTuple):
         return bool(self.gains) or any(check.flipped for check in self.joints)
 
 
-def inner_samples(prepared: Prepared) -> Samples:
-    """At most about `ENOUGH` samples of a recording, evenly spread, without its ends."""
+def inner_samples(prepared: Prepared, most: int = 4000) -> Samples:
+    """Samples of a recording, evenly spread, at most about so many, without its ends."""
     number = len(prepared.samples)
-    return prepared.samples[slice(prepared.edge, number - prepared.edge, max(1, number // ENOUGH))]
+    return prepared.samples[slice(prepared.edge, number - prepared.edge, max(1, number // most))]
 
 
 def torque_checks(prepared: Prepared) -> TorqueChecks | None:
@@ -191,7 +185,7 @@ def _loads(
 def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -> AbsentBody | None:
     """The mounted body without which the residual (N, n) is smallest, from the torques of all bodies (N, n, b).
 
-    None if its absence does not explain most of it, and far more than a common factor on all bodies.
+    None if its absence does not explain half of it, and far more than a common factor on all bodies.
     """
     tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=2)
     by_factor = float((residual * predicted).sum() ** 2 / max(float((predicted**2).sum()), 1e-300)) / before
@@ -200,20 +194,23 @@ def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -
         carried = [tree.inertial.index(k) for k in tree.carried(i) if k in tree.inertial]
         left[tree.names[i]] = float(((residual + of_bodies[:, :, carried].sum(axis=2)) ** 2).sum()) / before
     body = min(left, key=left.__getitem__, default="")
-    if not body or left[body] >= min(1 - MISSING, FAR_BETTER * (1 - by_factor)):
+    if not body or left[body] >= min(0.5, FAR_BETTER * (1 - by_factor)):
         return None
     return AbsentBody(body, 1 - left[body])
 
 
 def _mounted(mechanism: Mechanism) -> Iterator[int]:
     """Yields bodies with mass that are fixed to a moving one, such as tools, and may have been absent."""
-    tree, moved = mechanism.tree, list[bool]()
-    for i, body in enumerate(tree.bodies):
-        carried = body.parent != BASE and moved[body.parent]
-        moved.append(body.moves or carried)
-        heavy = i in tree.inertial and mechanism.known[10 * tree.inertial.index(i)] > 0
-        if carried and not body.moves and heavy:
+    tree = mechanism.tree
+    moved = moved_bodies(tree)
+    for i, mass in zip(tree.inertial, mechanism.known[::10], strict=True):
+        if i in moved and not tree.bodies[i].moves and mass > 0:
             yield i
+
+
+def moved_bodies(tree: Tree) -> set[int]:
+    """Indices of the bodies that do not rest in the base: those that joints move, and what these carry."""
+    return {k for i, body in enumerate(tree.bodies) if body.moves for k in tree.carried(i)}
 
 
 def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:

@@ -32,17 +32,8 @@ from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 
-FOLLOWS = 0.2
-"""Share of a residual's variance that friction explains from which it is likely, if the residual is not negligible."""
-
-SMOOTH = 0.02
-"""Slip above which friction does not change its sign in a jump, rad/s or m/s."""
-
 DEVIATIONS = 4.0
 """Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
-
-EXPLAINED, SMOOTHLY = 0.1, 0.01
-"""Largest residual of computed torques over their signal, and largest friction in them over it."""
 
 
 class Parts(NamedTuple):
@@ -83,9 +74,10 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
     if others and not checks.grossly_wrong:
         yield Finding.of("motion_not_by_torques", joints=others)
     moving = {channel: evidence.ratios[channel] for channel in _torques(evidence) if channel not in evidence.idle}
-    if moving and max(moving.values()) < EXPLAINED:
+    # Computed torques leave a tenth of their signal at most, and have a hundredth of it as friction.
+    if moving and max(moving.values()) < 0.1:
         friction = _likely_friction(evidence)
-        if max(friction[channel] for channel in moving) < SMOOTHLY:
+        if max(friction[channel] for channel in moving) < 0.01:
             yield Finding.of("computed_torques", joints=tuple(moving), largest=max(moving.values()))
 
 
@@ -167,7 +159,8 @@ def drive_findings(evidence: Evidence) -> Iterator[Finding]:
         axes, rubs = joint.measurement.equations.axes, rubbing(joint.measurement.equations)
         size, slip, velocity = joint.reversals.size, joint.reversals.slip, joint.reversals.velocity
         open_ = {axes.names[a]: float(velocity[a]) for a in rubs if size[a] > 0}
-        smooth = {axes.names[a]: float(slip[a]) for a in rubs if slip[a] > SMOOTH * float(axes.gears[a])}
+        # Friction that changes its sign over more than 0.02 rad/s or m/s does not jump.
+        smooth = {axes.names[a]: float(slip[a]) for a in rubs if slip[a] > 0.02 * float(axes.gears[a])}
         if open_:
             moved, at_rest = dict.fromkeys(name for axis in open_ for name in axes.joints_of(axis)), evidence.at_rest
             known = {name: at_rest[name] for name in moved if np.isfinite(at_rest.get(name, np.nan))}
@@ -224,7 +217,7 @@ def _searched(evidence: Evidence) -> bool:
 
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on friction that is not fitted and would explain the residual torque."""
+    """Findings on friction that is not fitted and would explain a fifth of the residual torque, if not negligible."""
     equations, searched = evidence.fit.equations, _searched(evidence)
     lacking_of = {joint: lacking_drives(equations, joint) for joint in evidence.friction}
     kinds = {joint: list(dict.fromkeys(column_place(name)[0] for name in own)) for joint, own in lacking_of.items()}
@@ -232,7 +225,7 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
     hidden = searched or evidence.trajectory is None
     kinds = {joint: own for joint, own in kinds.items() if own and not (hidden and own == [SLOW])}
     shares = {joint: evidence.friction[joint] for joint in kinds if evidence.ratios[joint] > NEGLIGIBLE}
-    shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
+    shares = {joint: share for joint, share in shares.items() if share > 0.2}
     if shares:
         lacking = {kind for joint in shares for kind in kinds[joint]}
         fitted = {column_place(name)[0] for name in equations.drives}

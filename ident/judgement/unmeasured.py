@@ -9,30 +9,17 @@ counts as missing only as far as both motions require it.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import applied, coAd
-from ident.judgement.checks import NEAR, ContactCheck, NotCheckedError, check_contact, predicted_wrench, upward
+from ident.judgement.checks import NEAR, NotCheckedError, check_contact, predicted_wrench, upward
 from ident.recordings.faults import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.trajectory.angles_alone import smoothed
-
-SHARE = 0.06
-"""Least part of the weight that an unmeasured contact carries: less may be an error of the model."""
-
-ONE_SIDED, SPREAD = 2.0, 6.0
-"""Least ratios of the missing force to the excess elsewhere, and to the standard deviation of the rest."""
-
-TAIL = 1 / 3
-"""Fraction of that limit at which a span begins and ends: contacts are loaded gradually."""
-
-SHORTEST = 0.03
-"""Shortest span, and margin that is left out beside each, s."""
 
 SHARPER = 0.5
 """Time constant of the splines over that of the low-pass, `1 / (2 π f)`. Of 144 simulated recordings without contacts
@@ -44,44 +31,14 @@ AT_AN_END = 0.5
 only. In 8 of 648 simulated recordings without contacts something would be detected, at an end and for at most 0.26
 periods; a foot beside the plates, in four recordings of a person who walks, is detected for 1.0 to 1.5."""
 
-THROUGH_A_POINT = 0.8
-"""Fraction of the missing moment that a force on a body must explain for it to be named, unless it passes near."""
-
-HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
-"""Largest factor by which a mechanism is heavier or lighter than its model, part of the samples that must agree on it,
-and their largest spread over that of the samples that agree best."""
-
-
-class Unmeasured(NamedTuple):
-    """A contact that is not measured.
-
-    Attributes:
-        start: First time, s.
-        end: Last time, s.
-        carries: Largest part of the weight that it carries.
-        contact: Likely place; None where not all six components of the wrench are measured.
-    """
-
-    start: float
-    end: float
-    carries: float
-    contact: ContactCheck | None
-
-    @property
-    def body(self) -> str | None:
-        """Body that the contact is likely on; None if no force on one explains it."""
-        at = self.contact
-        return at.body if at and (at.explained > THROUGH_A_POINT or at.distance < NEAR) else None
-
 
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """Recording without the samples in which an unmeasured contact carries weight."""
-    contacts = unmeasured_contacts(prepared)
-    return replace(prepared, left_out=tuple(LeftOut(*each[:3], each.body) for each in contacts))
+    return replace(prepared, left_out=unmeasured_contacts(prepared))
 
 
-def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
-    """Unmeasured contacts, detected by missing support; none where the weight is not measured, or of single poses."""
+def unmeasured_contacts(prepared: Prepared) -> tuple[LeftOut, ...]:
+    """Spans with unmeasured contacts, detected by missing support; none where no weight is measured, or of poses."""
     if prepared.recording.still:
         return ()
     try:
@@ -96,22 +53,25 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
     heavier = _heavier(needed[whole], carried[whole], weight)
     if heavier is None:
         return ()
-    reach = max(1, round(SHORTEST * prepared.recording.rate))
+    # Samples of the shortest span, and of the margin that is left out beside each.
+    reach = max(1, round(0.03 * prepared.recording.rate))
     # Where a sensor's range ends support is missing as well.
     usual, missing = (
         running_median(np.where(whole, heavier * support - carried, 0), reach)
         for support in (needed, np.minimum(needed, by_splines))
     )
-    limit, contacts = _limit(usual, SHARE * heavier * weight), []
+    # A smaller part of the weight may be an error of the model.
+    limit, contacts = _limit(usual, 0.06 * heavier * weight), []
     at_an_end = AT_AN_END * prepared.recording.rate / (prepared.cutoff or np.inf)
-    for first, last in runs(missing > TAIL * limit).tolist():
+    # Contacts are loaded gradually.
+    for first, last in runs(missing > limit / 3).tolist():
         largest = float(missing[first:last].max())
         shortest = max(reach, at_an_end) if first < reach or last > len(missing) - reach else reach
         if last - first >= shortest and largest > limit:
             times = prepared.recording.time[max(0, first - reach) : last + reach]
             residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-            contact = _contact(prepared, slice(first, last), residual, up[first:last])
-            contacts.append(Unmeasured(float(times[0]), float(times[-1]), largest / (heavier * weight), contact))
+            body = _body(prepared, slice(first, last), residual, up[first:last])
+            contacts.append(LeftOut(float(times[0]), float(times[-1]), largest / (heavier * weight), body))
     return tuple(contacts)
 
 
@@ -131,40 +91,58 @@ def _by_splines(prepared: Prepared) -> Prepared:
     return replace(prepared, samples=replace(prepared.samples, motion=motion))
 
 
-def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
+def _heavier(
+    needed: np.ndarray,
+    carried: np.ndarray,
+    weight: float,
+    most: float = 1.6,
+    agreeing: float = 0.15,
+    close: float = 2.0,
+) -> float | None:
     """Ratio of the mechanism's mass to its model's by the samples that agree; None if too few do.
 
     Args:
         needed: Support that the model predicts, N (N,).
         carried: Support that is measured, N (N,).
         weight: The model's weight, N.
+        most: Largest factor by which a mechanism is heavier or lighter than its model.
+        agreeing: Part of the samples that must agree.
+        close: Largest spread of the samples that agree, over that of those that agree best.
     """
     standing = needed > weight / 2
     ratio = np.sort(carried[standing] / needed[standing])
-    ratio = ratio[(ratio > 1 / HEAVIEST) & (ratio < HEAVIEST)]
-    together = int(np.ceil(AGREEING * len(needed)))
+    ratio = ratio[(ratio > 1 / most) & (ratio < most)]
+    together = int(np.ceil(agreeing * len(needed)))
     if len(ratio) <= together:
         return None
     # Of the short intervals that hold so many of them the highest: support is missing, and never too large.
     widths = ratio[together:] - ratio[:-together]
-    first = int(np.flatnonzero(widths <= CLOSE * widths.min())[-1])
-    middle, reach = ratio[first + together // 2], CLOSE * widths[first]
+    first = int(np.flatnonzero(widths <= close * widths.min())[-1])
+    middle, reach = ratio[first + together // 2], close * widths[first]
     return float(np.median(ratio[np.abs(ratio - middle) <= reach]))
 
 
 def _limit(missing: np.ndarray, least: float) -> float:
-    """Missing support from which there is a contact, N, at least a given one, from missing support and excess (N,)."""
+    """Missing support from which there is a contact, N, at least a given one, from missing support and excess (N,).
+
+    It is twice the excess, and six times the standard deviation of the rest.
+    """
     neither = np.abs(missing) < least
     spread = float(missing[neither].std()) if neither.any() else 0.0
-    return max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
+    return max(least, 6 * spread, 2 * float(-missing.min()))
 
 
-def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:
+def _body(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> str | None:
+    """Body that a contact is likely on; None if no force on or near one explains most of the missing moment.
+
+    None as well where not all six components of the wrench are measured.
+    """
     if not np.isfinite(residual).all():
         return None
     in_base, unloaded = applied(coAd(prepared.frame), residual), _unloaded(prepared, part)
     q, up_in_base = prepared.samples.motion.q[part], up @ prepared.frame[:3, :3].T
-    return check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
+    contact = check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
+    return contact.body if contact.explained > 0.8 or contact.distance < NEAR else None
 
 
 def _unloaded(prepared: Prepared, part: slice) -> set[str]:

@@ -21,6 +21,7 @@ from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
+from ident.judgement.torque_checks import moved_bodies
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
 from ident.model.inverse_dynamics import inverse_dynamics
@@ -31,9 +32,6 @@ CLEARLY = 0.9
 with 10 N/m, and 0.4-0.9 for a link whose length is 15 % off. Of 43 other recordings without a fault none asks for
 it."""
 
-AS_GOOD = 1.1
-"""The same over that of the best hypothesis up to which another one is named beside it."""
-
 ENOUGH = 5.0
 """Least number of fitted samples per column: in 156 exact samples of a right model of 149 columns, a force that does
 not exist leaves 0.6 of the residual."""
@@ -42,9 +40,6 @@ STEP = 1e-6
 """Relative change of a length for its derivative, by a difference to the stated length: with another one it is another
 mechanism, whose equations take longer to record than to evaluate. Channels are quadratic in it: the error is as small.
 """
-
-SINGULAR = 1e-8
-"""Singular value of unit-norm columns, over the largest, below which they are dependent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,23 +85,22 @@ class HypothesisFit:
         known = _root(self.prior, len(X))
         rows = np.vstack([(np.where(counting, X, 0) * scale).reshape(len(X), -1).T, known])
         target = np.append((np.where(counting, left, 0) * scale).ravel(), np.zeros(len(known)))
-        x = coefficients(rows, target, SINGULAR)
+        x = coefficients(rows, target, 1e-8)
         return float(np.log(np.maximum(_rms(ahead - np.tensordot(x, X_ahead, axes=1)), 1e-300)).mean())
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
         equations, motions = self.equations, (self.fitted.motion, self.judged.motion)
         tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
-        phi, carried = _bodies(equations, self.values), [False] * len(tree.bodies)
+        phi, moved = _bodies(equations, self.values), moved_bodies(tree)
         stated = [_channels(equations, gravity, phi, motion) for motion in motions]
         for i, body in enumerate(tree.bodies):
-            carried[i] = body.moves or (body.parent != BASE and carried[body.parent])
             if body.moves and body.parent != BASE and body.home[:3, 3].any():
                 pairs = zip(motions, stated, strict=True)
                 yield ("length", body.name), self.error([_length(equations, phi, i, *pair) for pair in pairs])
         for k, i in enumerate(tree.inertial):
             # What pulls rests in the base's axes.
-            if carried[i] and phi[10 * k] and all(motion.base is None for motion in motions):
+            if i in moved and phi[10 * k] and all(motion.base is None for motion in motions):
                 yield ("force", tree.names[i]), self.error([_force(equations, k, i, motion) for motion in motions])
 
 
@@ -177,9 +171,9 @@ def _channels(
 
 
 def unmodelled_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on a model that lacks a force or has a wrong length."""
+    """Doubt on a model that lacks a force or has a wrong length, with hypotheses nearly as good as the best."""
     clear = [each for each in evidence.unmodelled if each.ratio < CLEARLY]
-    alike = [each for each in clear if each.ratio < AS_GOOD * clear[0].ratio]
+    alike = [each for each in clear if each.ratio < 1.1 * clear[0].ratio]
     if alike:
         causes = [{"kind": each.kind, "body": each.body} for each in alike]
         place = Place(bodies=tuple(dict.fromkeys(each.body for each in alike)))

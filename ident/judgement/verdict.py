@@ -23,18 +23,8 @@ from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.wording import CANDIDATES, NAMED, listed, number_of
 from ident.tolerances import POOR, UNEXPLAINED
 
-MOST = 0.75
-"""Least share of the channels that move which a usable estimate predicts."""
-
 PRECISIONS = 0.1, 0.2, 0.5
 """Relative standard deviations up to which parameters are counted as known."""
-
-FEWEST = 1 / 3
-"""Least share of the base parameters known within the second of `PRECISIONS` from which single ones are of use; of
-many mechanisms half are zero by symmetry and thus known within no share."""
-
-WIDER = 2.0
-"""Ratio of the standard deviation with the set-up to that from the noise above which parameters are named."""
 
 BEHIND = "worse_than_candidate", "candidate_better"
 """Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
@@ -90,13 +80,16 @@ class Precision:
         known = tuple(int((wide <= share * sizes).sum()) for share in PRECISIONS)
         alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * sizes)
         weighed = (bodies[k // 10] for k, own in zip(base.kept, alone, strict=True) if own and k % 10 == 0)
-        wider = tuple(np.array(base.names)[wide > WIDER * std].tolist())
+        wider = tuple(np.array(base.names)[wide > 2 * std].tolist())
         return cls(base.rank, known, wider, bodies, tuple(weighed), estimated_mass(evidence))
 
     @property
     def poor(self) -> bool:
-        """True if too few base parameters are known for single ones to be of use."""
-        return self.known[1] < FEWEST * self.total
+        """True if less than a third of the base parameters are known within 20 %, so that single ones are of no use.
+
+        Of many mechanisms half are zero by symmetry and thus known within no share.
+        """
+        return self.known[1] < self.total / 3
 
     def sentences(self) -> Iterator[str]:
         """Yields sentences on the number of known parameters, on masses, and on what the set-up makes uncertain."""
@@ -267,12 +260,15 @@ class Verdict(Worded):
 
 
 def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
-    """Outcome of an estimate with these residuals over the signals of all channels that move, and these doubts."""
+    """Outcome of an estimate with these residuals over the signals of all channels that move, and these doubts.
+
+    A usable one explains all of them and predicts three quarters.
+    """
     predicted = sum(ratio <= POOR for ratio in moving)
     if doubts or not predicted:
         return Outcome.NOT
     explained = all(ratio <= UNEXPLAINED for ratio in moving)
-    return Outcome.USABLE if explained and predicted >= MOST * len(moving) else Outcome.PARTLY
+    return Outcome.USABLE if explained and predicted >= 0.75 * len(moving) else Outcome.PARTLY
 
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (

@@ -10,9 +10,6 @@ from ident.judgement.residuals import FAR_ABOVE
 NAMED = 4
 """Largest number of parameters, bodies or channels that a sentence names; more are counted."""
 
-ACTED_ON = 8
-"""Largest number of joints or components whose columns a sentence asks to mend, by name."""
-
 CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
 """Candidates in words."""
 
@@ -72,14 +69,14 @@ def listed(names: Iterable[str], what: str = "") -> str:
     return f"{len(every)} {what}" if what and len(every) > NAMED else ", ".join(every)
 
 
-def named(names: Sequence[str]) -> str:
-    """Names with commas between them, the first `ACTED_ON` of more, and the number of others.
+def named(names: Sequence[str], most: int = 8) -> str:
+    """Names with commas between them, the first ones of more, and the number of others.
 
     >>> named("abc"), named("abcdefghij")
     ('a, b, c', 'a, b, c, d, e, f, g, h and 2 others')
     """
-    others = len(names) - ACTED_ON
-    return ", ".join(names[:ACTED_ON]) + (f" and {number_of(others, 'other')}" if others > 0 else "")
+    others = len(names) - most
+    return ", ".join(names[:most]) + (f" and {number_of(others, 'other')}" if others > 0 else "")
 
 
 def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:

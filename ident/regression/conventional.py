@@ -33,37 +33,9 @@ FACTORS = 0.25, 0.5, 1.0, 2.0, 4.0
 """Cut-offs to try, relative to that of residual analysis, which weighs noise of joint angles against distortion but
 ignores what the model cannot explain."""
 
-SETTLES = 8
-"""Inverse of the largest part of a recording that is left out at either end while the filter settles: without it,
-short recordings would be lost."""
-
-ENOUGH = 5000
-"""Largest number of samples of each fit, evenly spread: enough to compare cut-offs."""
-
-REWEIGHTED = 5
-"""Number of fits, each with the channels weighted by the residuals of the one before."""
-
-LEAST_NOISE = 1e-4
-"""Least standard deviation of a channel's residual in its weight, relative to the scale of its signal."""
-
-ROUNDED = 1e-12
-"""Variance over mean square below which a signal is flat: it is computed as a difference, with rounding errors."""
-
 SLOW = 0.1
 """Velocity, over its root mean square, below which the torque of a joint with friction is left out: at rest friction
 is anything up to breakaway friction, and a low-pass blurs a reversal."""
-
-UNDETERMINED = 1e-10
-"""Eigenvalues of the scaled normal equations, relative to the largest, below which a combination is not fitted and
-stays zero. The square root is the inverse of a condition number of the columns."""
-
-HUBER = 1.345
-"""Residual, in standard deviations, beyond which samples lose weight; 95 % efficient for normal noise."""
-
-ITERATIONS = 50
-
-CONVERGED = 1e-6
-"""Change of the fit, in standard deviations of the channels, below which it has converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +75,9 @@ class _Sums:
     def scales(self) -> np.ndarray:
         """Standard deviation of the raw channels, of flat ones that of their kind (C,)."""
         square = self.grams[:, -1, -1] / self.count
+        # Computed as a difference, with rounding errors.
         variance = square - (self.total / self.count) ** 2
-        return beside_others(np.sqrt(np.where(variance > ROUNDED * square, variance, 0)), self.channels)
+        return beside_others(np.sqrt(np.where(variance > 1e-12 * square, variance, 0)), self.channels)
 
     def residual(self, x: np.ndarray, measured: int) -> np.ndarray:
         """Root mean square of measured less predicted channels (C,).
@@ -125,6 +98,7 @@ def filtered_least_squares(
     prior: tuple[np.ndarray, np.ndarray],
     *,
     others: bool = False,
+    most: int = 5000,
 ) -> FilteredLeastSquares:
     """Least squares at the cut-off at which halves of the fitted samples predict each other best.
 
@@ -134,9 +108,10 @@ def filtered_least_squares(
         equations: Channels and columns.
         prior: Mean of ψ and drives and its precision, zero where nothing is known (r + d,), (r + d, r + d).
         others: True if the recordings to predict are the fitted ones, each predicted from the others.
+        most: Largest number of samples of each fit, evenly spread: enough to compare cut-offs.
     """
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
-    thin = max(1, round(length(fitted) / ENOUGH))
+    thin = max(1, round(length(fitted) / most))
     halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
     best, values = list[float | None](), list[np.ndarray]()
     for k in range(len(judged) if others else 1):
@@ -170,7 +145,8 @@ def _halves(part: Part[slice], equations: Equations, cutoff: float | None, thin:
     """Sums over either half of a part of a recording."""
     log, span = part
     (own, raw), size = filtered(log, cutoff), len(log.samples)
-    edge = 0 if cutoff is None else min(settling(log.recording.rate, cutoff), size // SETTLES)
+    # While the filter settles samples are left out, but for those of short recordings, which would be lost.
+    edge = 0 if cutoff is None else min(settling(log.recording.rate, cutoff), size // 8)
     taken = log.taken(slice(max(span.start, edge), min(span.stop, size - edge)))[::thin]
     first, second = np.array_split(taken, 2)
     return _sums(own[first], raw[first], equations), _sums(own[second], raw[second], equations)
@@ -210,20 +186,23 @@ def _error(halves: Sequence[_Sums], prior: tuple[np.ndarray, np.ndarray]) -> flo
 
 
 def _solved(sums: _Sums, prior: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Coefficients fitted with the prior, channels reweighted by their residuals (m,)."""
+    """Coefficients fitted with the prior, channels reweighted by their residuals (m,).
+
+    Combinations of columns of a condition number above 1e5 are not fitted and stay zero.
+    """
     m = sums.grams.shape[1] - 2
     mean, precision = np.zeros(m), np.zeros((m, m))
     r = len(prior[0])
     mean[:r], precision[:r, :r] = prior
     x, std = np.zeros(m), sums.scales
-    for _ in range(REWEIGHTED):
+    for _ in range(5):
         normal = np.tensordot(std**-2, sums.grams[:, :m, :m], axes=1) + precision
         right = std**-2 @ sums.grams[:, :m, m] + precision @ mean
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         values, axes = np.linalg.eigh(normal / np.outer(scale, scale))
-        inverse = np.where(values > UNDETERMINED * values[-1], 1 / np.maximum(values, 1e-300), 0)
+        inverse = np.where(values > 1e-10 * values[-1], 1 / np.maximum(values, 1e-300), 0)
         x = axes @ (inverse * (axes.T @ (right / scale))) / scale
-        std = np.maximum(sums.residual(x, -2), LEAST_NOISE * sums.scales)
+        std = np.maximum(sums.residual(x, -2), 1e-4 * sums.scales)
     return x
 
 
@@ -252,14 +231,15 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
     least = least_noise([samples.measured], equations.channels)
     scale = np.maximum(spread(residual - residual.mean(axis=0)), least)
     weights, factor = np.ones_like(residual), None
-    for _ in range(ITERATIONS):
+    for _ in range(50):
         before = residual
         accumulated = accumulate(equations, samples, factor=factor, factors=np.sqrt(weights) / scale)
         fit, factor = solve(accumulated, equations), accumulated.factor
         residual = fit.residual(samples)
         scale = np.maximum(spread(residual), least)
-        weights = np.minimum(1, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
-        if np.abs(residual - before).max(initial=0, where=weights == 1) <= CONVERGED * scale.min():
+        # Residuals lose weight beyond 1.345 standard deviations: 95 % efficient for normal noise.
+        weights = np.minimum(1, 1.345 * scale / np.maximum(np.abs(residual), 1e-300))
+        if np.abs(residual - before).max(initial=0, where=weights == 1) <= 1e-6 * scale.min():
             break
     covariance = _covariance(fit, samples, weights * residual / scale**2, (weights == 1) / scale)
     return replace(fit, covariance=covariance, noise="correlated over time or not")

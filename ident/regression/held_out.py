@@ -13,17 +13,16 @@ from ident.regression.ordinary import Fit
 ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
 """Names of the candidates: the estimate, the model as it came, and least squares on filtered states."""
 
-HARDLY = 0.05
-"""Share of moving samples below which a channel is judged by all of them: so few are no sample of its signal."""
-
 
 def where_moving(resting: np.ndarray) -> np.ndarray:
     """Mask of the measurements that count: where joints that rub move, or all of a channel where they hardly do.
 
+    In a twentieth of the samples there is no sample of its signal.
+
     Args:
         resting: Mask of the torques of joints that rub and rest (M, C).
     """
-    return ~resting | (resting.mean(axis=0) > 1 - HARDLY)
+    return ~resting | (resting.mean(axis=0) > 0.95)
 
 
 def picked(versions: np.ndarray, chosen: np.ndarray) -> np.ndarray:

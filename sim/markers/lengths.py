@@ -17,26 +17,22 @@ from scipy import linalg
 
 from ident.errors import InputError
 from sim.markers.marked_model import MarkedModel
-from sim.markers.trial_fit import Kinematics, Postures, check_fit, fit_trial, normal_equations, plain_fits
+from sim.markers.trial_fit import (
+    LEAST_INFORMATION,
+    Kinematics,
+    Postures,
+    check_fit,
+    fit_trial,
+    normal_equations,
+    plain_fits,
+)
 from sim.models.notes import body_id, body_name
 
 SPREAD = 0.2
 """Prior standard deviation of a factor: the variation of people's proportions about a model's."""
 
-FRAMES = 40
-"""Largest number of frames used for the factors, evenly over the trial."""
-
-ROUNDS, SETTLED = 30, 1e-6
-"""Largest number of steps, and the change of factors at which they have converged."""
-
 LEAST, MOST = 0.3, 3.0
 """Range of plausible factors."""
-
-FINEST = 1e-6
-"""Least noise of markers, m."""
-
-DAMPING = 1e-8
-"""Regularization added to the curvature of angles, m²/rad²."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +121,9 @@ def scaled_model(
     return out
 
 
-def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0) -> Scaling:
+def scaling(
+    marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0, *, frames: int = 40
+) -> Scaling:
     """Estimates factors of lengths from the markers of a trial.
 
     Args:
@@ -133,20 +131,21 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
         measured: Positions in the model's world, NaN where a marker is missing, m (N, M, 3).
         groups: Names of the bodies that share each factor.
         mass: Factor on all masses.
+        frames: Largest number of frames that are used, evenly over the trial.
 
     Raises:
         InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor with any lengths, as with wrong
             labels, units or model.
     """
     model, factors = marked.model, np.ones(len(groups))
-    x = measured[np.unique(np.linspace(0, len(measured) - 1, FRAMES).round().astype(int))]
+    x = measured[np.unique(np.linspace(0, len(measured) - 1, frames).round().astype(int))]
     qpos = np.array([posture.qpos for posture in plain_fits(marked, x)])
-    for _ in range(ROUNDS):
+    for _ in range(30):
         now = fit_trial(marked.with_lengths(scaled_model(model, groups, factors)), x, qpos)
         qpos = now.qpos
         curvature, gradient = _reduced(now, groups, factors)
         # Never quite zero, so that the prior determines factors that the markers do not.
-        sigma = max(float(np.nan_to_num(now.sigma)), FINEST)
+        sigma = max(float(np.nan_to_num(now.sigma)), 1e-6)
         prior = (sigma / SPREAD) ** 2
         step = np.linalg.solve(curvature + prior * np.eye(len(groups)), gradient + prior * (1 - factors))
         factors = factors + step
@@ -156,7 +155,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
                 f"The lengths of {names} would have to be scaled by more than {LEAST:g} to {MOST:g}: check unit, "
                 "labels and places of the markers (the residuals of a run without --scale tell which)."
             )
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < 1e-6:
             break
     check_fit(now)
     std = sigma * np.sqrt(np.diag(np.linalg.inv(curvature + prior * np.eye(len(groups)))))
@@ -178,7 +177,7 @@ def _reduced(postures: Postures, groups: Sequence[Sequence[str]], factors: np.nd
         L = np.stack([(other.positions(qpos) - p)[used] for other in longer], axis=2)
         J = np.concatenate([kinematics.jacobian()[used], L], axis=2)
         normal, right = normal_equations(J, (robust * marked.weights)[used, None], residual[used])
-        normal[:n, :n] += DAMPING * np.eye(n)
+        normal[:n, :n] += LEAST_INFORMATION * np.eye(n)
         solved = linalg.solve(normal[:n, :n], np.column_stack([normal[:n, n:], right[:n]]), assume_a="pos")
         curvature += normal[n:, n:] - normal[n:, :n] @ solved[:, :-1]
         gradient += right[n:] - normal[n:, :n] @ solved[:, -1]

@@ -29,9 +29,6 @@ UP = {
 }
 """Rotations from a laboratory whose vertical axis is the key to one with Z upwards."""
 
-NOTHING = 1e-3
-"""Mass in kg and moment in kg m² of every body, as MuJoCo needs some."""
-
 
 @dataclass(frozen=True)
 class MarkerPlace:
@@ -134,7 +131,8 @@ def _added(parent: mujoco.MjsBody, body: Body, limits: tuple[float, float] | Non
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(body.home[:3, :3]).ravel())
     out = parent.add_body(name=body.name, pos=body.home[:3, 3], quat=quat)
     out.explicitinertial = True
-    out.mass, out.inertia = NOTHING, np.full(3, NOTHING)
+    # MuJoCo needs some, kg and kg m².
+    out.mass, out.inertia = 1e-3, np.full(3, 1e-3)
     if not body.moves:
         return out
     linear, angular = body.twist[:3], body.twist[3:]

@@ -20,25 +20,11 @@ from scipy.linalg import lapack
 from ident.errors import InputError
 from sim.markers.marked_model import MarkedModel
 
-ROUNDS = 100
-"""Largest number of steps; most are needed if a posture is far from the initial guess."""
-
 SETTLED = 1e-7
 """Step in rad or m at which the fit has converged; the next step would be far smaller."""
 
-GAIN = 1e-10
-"""Relative decrease of the cost below which the fit has converged: the remaining error is a hundred-thousandth of a
-standard deviation."""
-
 LEAST, MOST = 1e-9, 1e6
 """Range of the damping, m²/rad²: the least keeps normal equations solvable, beyond the most no step lowers the cost."""
-
-STARTS = 8
-"""Number of starts: the reference configuration, and random ones. Of 25 postures of the humanoid over the whole ranges
-of its joints one start missed 13, two missed 3, and eight none."""
-
-WIDTH = 0.5
-"""Width of the random starts: share of a joint's range, or angle in rad if it has none."""
 
 
 class Kinematics:
@@ -98,7 +84,7 @@ class Posture(NamedTuple):
 
 
 def fitted(
-    kinematics: Kinematics, qpos: np.ndarray, measured: np.ndarray, weights: np.ndarray, rounds: int = ROUNDS
+    kinematics: Kinematics, qpos: np.ndarray, measured: np.ndarray, weights: np.ndarray, rounds: int = 100
 ) -> Posture:
     """Posture that fits best, from an initial guess.
 
@@ -107,7 +93,7 @@ def fitted(
         qpos: Initial guess (nq,).
         measured: Positions, NaN where a marker is missing, m (M, 3).
         weights: Weights of squared distances, zero for missing markers (M,).
-        rounds: Largest number of steps.
+        rounds: Largest number of steps; most are needed if a posture is far from the initial guess.
     """
     visible, damping = np.flatnonzero(weights > 0), LEAST
     w, x = weights[visible, None], measured[visible]
@@ -129,7 +115,8 @@ def fitted(
         gain = now.cost - cost
         if gain >= 0:
             now = Posture(trial, measured - kinematics.positions(trial), cost)
-        if size < SETTLED or damping > MOST / 10 or 0 <= gain <= GAIN * cost:
+        # With such a gain the remaining error is a hundred-thousandth of a standard deviation.
+        if size < SETTLED or damping > MOST / 10 or 0 <= gain <= 1e-10 * cost:
             break
     return now
 
@@ -152,11 +139,14 @@ def _cost(w: np.ndarray, residual: np.ndarray) -> float:
     return float((w * residual**2).sum())
 
 
-def first_posture(marked: MarkedModel, measured: np.ndarray, weights: np.ndarray) -> Posture:
-    """Best fit of a frame; arguments as for `frame_fit.fitted`."""
+def first_posture(marked: MarkedModel, measured: np.ndarray, weights: np.ndarray, starts: int = 8) -> Posture:
+    """Best fit of a frame, from the reference configuration and random ones; arguments as for `fitted`.
+
+    Of 25 postures of the humanoid over the whole ranges of its joints one start missed 13, two missed 3, eight none.
+    """
     rng, kinematics = np.random.default_rng(0), Kinematics(marked)
-    starts = [marked.rest, *(_at_random(marked, rng) for _ in range(STARTS - 1))]
-    aligned = (_aligned(marked, kinematics, start, measured, weights) for start in starts)
+    begins = [marked.rest, *(_at_random(marked, rng) for _ in range(starts - 1))]
+    aligned = (_aligned(marked, kinematics, begin, measured, weights) for begin in begins)
     best = min((fitted(kinematics, start, measured, weights) for start in aligned), key=lambda p: p.cost)
     return best._replace(qpos=_unwound(marked, best.qpos))
 
@@ -173,15 +163,15 @@ def _unwound(marked: MarkedModel, qpos: np.ndarray) -> np.ndarray:
 
 
 def _at_random(marked: MarkedModel, rng: np.random.Generator) -> np.ndarray:
-    """Random coordinates, with hinges, slides and balls around the middle of their ranges (nq,)."""
+    """Random coordinates, with hinges and slides in half their ranges, and balls turned by some 0.5 rad (nq,)."""
     model, qpos = marked.model, marked.rest.copy()
     for j in sorted({int(model.dof_jntid[d]) for d in marked.dofs}):
         first, size = int(model.jnt_qposadr[j]), marked.dofs_of(j)
         if size == 1:
             low, high = model.jnt_range[j] if model.jnt_limited[j] else qpos[first] + np.array([-1.0, 1.0])
-            qpos[first] = (low + high) / 2 + WIDTH * (high - low) * rng.uniform(-0.5, 0.5)
+            qpos[first] = (low + high) / 2 + 0.5 * (high - low) * rng.uniform(-0.5, 0.5)
         elif size == 3:
-            mujoco.mju_quatIntegrate(qpos[first : first + 4], rng.normal(scale=WIDTH, size=3), 1.0)
+            mujoco.mju_quatIntegrate(qpos[first : first + 4], rng.normal(scale=0.5, size=3), 1.0)
     return qpos
 
 
@@ -220,18 +210,6 @@ markers does."""
 
 OUTLYING = 0.25
 """Weight below which a marker counts as outlying; its distance is then twice `FAR`."""
-
-REWEIGHTED, ROUNDS_BETWEEN, SETTLED_WEIGHTS = 15, 2, 5e-3
-"""Largest number of reweightings of a frame, steps in between, and change of weights at which they have converged."""
-
-SCALES = 2
-"""Number of alternations between estimating the noise and the weights."""
-
-EXACT = 1e-9
-"""Least noise of positions from rounding, m."""
-
-POOR = 0.1
-"""Noise above which model and markers do not match, m."""
 
 LEAST_INFORMATION = 1e-8
 """Information added to the curvature, m²/rad², so that undetermined coordinates have a large, finite variance."""
@@ -304,7 +282,8 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
     weights = visible * marked.weights
     postures = plain_fits(marked, measured, guess)
     robust = visible.astype(float)
-    for _ in range(SCALES):
+    # The noise follows from the weights, and they from it.
+    for _ in range(2):
         sigma = _middle_noise(postures, weights, len(marked.dofs))
         for k in range(len(measured)):
             if _far(postures[k], weights[k], sigma).any():
@@ -323,9 +302,9 @@ def check_fit(postures: Postures) -> None:
     """Refuses a poor fit.
 
     Raises:
-        InputError: The markers' noise is above `POOR`.
+        InputError: The markers' noise is above 0.1 m, so that model and markers do not match.
     """
-    if postures.sigma > POOR:
+    if postures.sigma > 0.1:
         raise InputError(
             f"The markers are {postures.sigma:.2g} m from where the model can have them: check their unit, the axis "
             "that points up, and whether model and labels are those of the trial."
@@ -354,11 +333,11 @@ def _followed(marked: MarkedModel, kinematics: Kinematics, measured: np.ndarray,
 
 
 def _middle_noise(postures: list[Posture], weights: np.ndarray, n: int) -> float:
-    """Standard deviation of a coordinate from the median of the squared distances, m."""
+    """Standard deviation of a coordinate from the median of the squared distances, at least that of rounding, m."""
     squared = weights * np.array([(p.residual**2).sum(axis=1) for p in postures])
     free = max(1 - n / (3 * max((weights > 0).sum(axis=1).mean(), 1.0)), 0.1)
     used = squared[weights > 0]
-    return max(float(np.sqrt(np.median(used) / (special.chdtri(3, 0.5) * free))) if used.size else 0.0, EXACT)
+    return max(float(np.sqrt(np.median(used) / (special.chdtri(3, 0.5) * free))) if used.size else 0.0, 1e-9)
 
 
 def _far(posture: Posture, weights: np.ndarray, sigma: float) -> np.ndarray:
@@ -385,15 +364,17 @@ def _refitted(
 ) -> tuple[Posture, np.ndarray]:
     """Robust fit of a frame, and the factors of its weights (M,).
 
-    It starts with the given posture and factors; if these are all 1, first with weights that decrease more slowly.
+    It starts with the given posture and factors; if these are all 1, first with weights that decrease more slowly. Two
+    steps between 15 reweightings at most settle the weights to half a hundredth.
     """
-    posture = fitted(kinematics, posture.qpos, measured, weights * factor, ROUNDS_BETWEEN)
+    between = 2
+    posture = fitted(kinematics, posture.qpos, measured, weights * factor, between)
     for power in (1, 2) if (factor == (weights > 0)).all() else (2,):
-        for _ in range(REWEIGHTED):
+        for _ in range(15):
             before, far = factor, _far(posture, weights, sigma)
             factor = (weights > 0) * np.maximum(far, 1.0) ** -power
-            posture = fitted(kinematics, posture.qpos, measured, weights * factor, ROUNDS_BETWEEN)
-            if np.abs(factor - before).max() < SETTLED_WEIGHTS:
+            posture = fitted(kinematics, posture.qpos, measured, weights * factor, between)
+            if np.abs(factor - before).max() < 5e-3:
                 break
     return fitted(kinematics, posture.qpos, measured, weights * factor), factor
 

@@ -18,9 +18,6 @@ from sim.models.notes import body_id, body_name, joint_name
 
 _BALL, _FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("BALL", "FREE", "SLIDE"))
 
-NEARER = 0.5
-"""Two labels seem exchanged if each marker's distance to the other's place is below this share of that to its own."""
-
 
 def recording(
     postures: Postures,
@@ -131,7 +128,7 @@ class Swap(NamedTuple):
 
 
 def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
-    """Pairs of outlying markers that are near each other's fitted positions, most frames first.
+    """Pairs of outlying markers that are twice as near each other's fitted positions as their own, most frames first.
 
     Args:
         postures: Fitted postures.
@@ -143,7 +140,7 @@ def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
     for a, b in combinations(np.flatnonzero(outlying.any(axis=0)), 2):
         both = outlying[:, a] & outlying[:, b]
         crossed = [
-            np.linalg.norm(measured[both, one] - places[both, other], axis=1) < NEARER * own[both, one]
+            np.linalg.norm(measured[both, one] - places[both, other], axis=1) < 0.5 * own[both, one]
             for one, other in ((a, b), (b, a))
         ]
         if frames := int((crossed[0] & crossed[1]).sum()):

@@ -19,10 +19,6 @@ _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER)
 WORLD_SIDE = -1
 """Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
-SOFT = 0.04
-"""Time constant of an equality above which it may be meant as a spring, s: twice MuJoCo's default, with which rigid
-parts are modelled."""
-
 Term = tuple[int, float]
 """A joint, by its id, and its coefficient in a sum."""
 
@@ -54,9 +50,9 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     """All tendons, flexes and active equality constraints of a model."""
     tendons = [_tendon(model, t) for t in range(model.ntendon)]
     flexes = [_flex(model, f) for f in range(model.nflex)]
-    # A time constant, or minus a stiffness per mass.
+    # A time constant, s, or minus a stiffness per mass. Rigid parts are modelled with MuJoCo's default, 0.02 s.
     first = model.eq_solref[:, 0]
-    slow = np.where(first > 0, first, (np.abs(first) + 1e-9) ** -0.5) > SOFT
+    slow = np.where(first > 0, first, (np.abs(first) + 1e-9) ** -0.5) > 2 * 0.02
     active = np.flatnonzero(model.eq_active0).tolist()
     equalities = [_equality(model, e, tendons, flexes)._replace(soft=bool(slow[e])) for e in active]
     # A tendon without forces of its own is but a sum of coordinates, for an equality or an actuator.

@@ -33,12 +33,6 @@ LIGHTEST, HEAVIEST, SLENDER = 0.03, 1e5, 0.2
 Materials have 100 to 20000, real models with light or roughly stated links 1 to 60000; wrong units make a factor of
 1000 or, to the power of 3/2, of a million and more. Inertias of thin rods are often stated without their thickness."""
 
-NEGLIGIBLE = 1e-6
-"""Mass of a body, over that of the heaviest, up to which it only stands for a place."""
-
-USUAL = 1500.0
-"""Density of a usual body, kg/m³, to which the likeliest unit leads."""
-
 
 def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     """Unique name of an element: the model's, or its kind with its id, and `_` appended if that is taken.
@@ -141,7 +135,8 @@ def note_units(arm: Mechanism) -> None:
     lengths = {f"'{body.name}' from its parent": np.linalg.norm(body.home[:3, 3].astype(float)) for body in bodies}
     heavy, light = dict[str, float](), dict[str, tuple[float, str]]()
     for name, own in zip(arm.bodies, phi, strict=False):
-        if not np.isfinite(own).all() or own[0] <= NEGLIGIBLE * phi[:, 0].max():
+        # A body of a millionth of the heaviest's mass only stands for a place.
+        if not np.isfinite(own).all() or own[0] <= 1e-6 * phi[:, 0].max():
             continue
         mass, com, inertia = com_from_parameters(own)
         lengths[f"the centre of mass of '{name}' from its origin"] = np.linalg.norm(com)
@@ -154,7 +149,8 @@ def note_units(arm: Mechanism) -> None:
         )
         density, least = (mass / volume for volume in volumes)
         if density < LIGHTEST:
-            unit = min(UNITS, key=lambda key: abs(np.log(density / UNITS[key] ** 1.5 / USUAL)))
+            # The likeliest unit leads to the density of a usual body.
+            unit = min(UNITS, key=lambda key: abs(np.log(density / UNITS[key] ** 1.5 / 1500)))
             light[name] = density, unit
         elif least > HEAVIEST:
             heavy[name] = least

@@ -16,12 +16,6 @@ from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import carrier_of, mechanism_bodies, placed_pose
 from sim.models.notes import body_name
 
-HIDDEN = 3
-"""First group of geoms that is not shown, as in MuJoCo's viewer, such as collision shapes."""
-
-ROUND = 16
-"""Number of corners of a circle."""
-
 
 class Shape(NamedTuple):
     """A convex solid.
@@ -64,7 +58,8 @@ def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.
     model, members = origin.model, mechanism_bodies(origin.model, origin.base, origin.beyond)
     for g in range(model.ngeom):
         place = carrier_of(model, int(model.geom_bodyid[g]), members)
-        if place is None or model.geom_group[g] >= HIDDEN or model.geom_rgba[g, 3] == 0:
+        # As in MuJoCo's viewer, geoms of the groups from 3 on, such as collision shapes, are not shown.
+        if place is None or model.geom_group[g] >= 3 or model.geom_rgba[g, 3] == 0:
             continue
         b, carrier = place
         T = carrier @ placed_pose(model.geom_pos[g], model.geom_quat[g])
@@ -77,7 +72,7 @@ def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.
 def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
     """Points whose convex hull is a geom, in its frame (P, 3); None for geoms without a finite one."""
     kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
-    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.arange(ROUND) * 2 * np.pi / ROUND])
+    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.arange(16) * 2 * np.pi / 16])
     ends = np.array([[0, 0, -b], [0, 0, b]])
     match kind:
         case mujoco.mjtGeom.mjGEOM_BOX:

@@ -218,9 +218,6 @@ PACKAGES = ("package", "model")
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 """Environment variables of ROS 1 and ROS 2 with folders that contain packages, or that are packages."""
 
-NAMED = 3
-"""Number of meshes that a note names at most."""
-
 
 def keep_meshes(root: ET.Element, path: Path, packages: Sequence[str | Path] = ()) -> None:
     """Keeps the usable meshes of a URDF file, under their full paths, and notes those that are left out.
@@ -338,13 +335,13 @@ class _Meshes:
         faults = [fault for fault in self._lost.values() if fault]
         if nowhere:
             note(
-                f"{_number(nowhere)} not found, and left out of collisions and pictures: {listed(nowhere, NAMED)}; "
+                f"{_number(nowhere)} not found, and left out of collisions and pictures: {listed(nowhere, 3)}; "
                 "--packages FOLDER names where their packages are."
             )
         if faults:
             note(
                 f"{_number(faults)} not what MuJoCo reads, and left out of collisions and pictures: "
-                f"{listed(faults, NAMED)}; STL, OBJ and MSH files will do."
+                f"{listed(faults, 3)}; STL, OBJ and MSH files will do."
             )
 
 

@@ -236,15 +236,6 @@ THICK = 1.1
 FAR = 4.0
 """Distance in clearances below which the barrier is not zero."""
 
-WEIGHT = 0.03
-"""Weight of the barrier relative to costs, which are logarithms."""
-
-POSTURES, HALVINGS = 6, 5
-"""Number of postures about which a motion that collides is shrunk, and of bisections for the factor."""
-
-ROOM = 0.9
-"""Largest factor of a shrunk motion, so that it is strictly inside all limits too."""
-
 
 class Walls:
     """Collisions of a motion as a function of its variables x (n, w)."""
@@ -269,18 +260,19 @@ class Walls:
         """The weighted barrier and its derivatives by the variables (n, w); infinite behind a wall."""
         clearance = self.collisions.clearance
         value, slope = self.collisions.barrier_and_slope(self._positions(x), THICK * clearance, FAR * clearance)
-        each = WEIGHT / self.maps.shape[1]
+        # Costs are logarithms, beside which the barrier is small.
+        each = 0.03 / self.maps.shape[1]
         return each * value, each * np.einsum("gj,jgw->jw", slope, self.maps)
 
-    def shrunk(self, x: np.ndarray) -> np.ndarray | None:
-        """The motion shrunk about one of its postures as little as needed to avoid all walls (n, w), or None."""
+    def shrunk(self, x: np.ndarray, postures: int = 6) -> np.ndarray | None:
+        """The motion shrunk about the best of some of its postures until it avoids all walls (n, w), or None."""
         q, clearance = self._positions(x), self.collisions.clearance
         free = q[self.collisions.depth(q, THICK * clearance) == 0]
         # Postures with the largest distances first, by the depth below `FAR`.
         free = free[np.argsort(self.collisions.depth(free, FAR * clearance), kind="stable")]
-        roomy = free[: max(POSTURES, len(free) // 2)]
+        roomy = free[: max(postures, len(free) // 2)]
         best, largest = None, 0.0
-        for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, POSTURES).astype(int))] if len(roomy) else ():
+        for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, postures).astype(int))] if len(roomy) else ():
             center = np.zeros_like(x)
             center[:, 0] = (posture - self.middle) / self.half_range
             part = self._part(x, center)
@@ -289,9 +281,9 @@ class Walls:
         return best
 
     def _part(self, x: np.ndarray, center: np.ndarray) -> float:
-        """Largest factor of a motion about a posture, by bisection."""
-        low, high = 0.0, ROOM
-        for _ in range(HALVINGS):
+        """Largest factor of a motion about a posture, by bisection; below one, to be inside all limits too."""
+        low, high = 0.0, 0.9
+        for _ in range(5):
             part = (low + high) / 2
             q = self._positions(center + part * (x - center))
             touches = self.collisions.depth(q, THICK * self.collisions.clearance).any()
@@ -302,14 +294,8 @@ class Walls:
         return np.asarray((self.maps @ x[:, :, None])[..., 0].T) + self.middle
 
 
-SAMPLES = 200
-"""Random postures at which a range is checked, besides its corners: one in a hundred may be missed, not more."""
-
 SHARES = np.linspace(1, 0.05, 20)
 """Shares of a given range that are tried on either side of the rest position."""
-
-STOP = 0.02
-"""Share of a dependent joint's range that stays free at each stop."""
 
 
 def reachable(
@@ -330,10 +316,11 @@ def reachable(
     n, rng = len(low), np.random.default_rng(0)
     center = np.clip(rest, low, high)
     corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(n, 6)), -1).reshape(-1, min(n, 6))
-    # Most ranges that are too large fail in a corner.
-    units = np.pad(corners, ((0, 0), (0, n - corners.shape[1])), mode="edge"), rng.random((SAMPLES, n))
+    # Most ranges that are too large fail in a corner; of postures between them not one in a hundred is missed.
+    units = np.pad(corners, ((0, 0), (0, n - corners.shape[1])), mode="edge"), rng.random((200, n))
     limits = np.array([ranges.get(joint, (-np.inf, np.inf)) for joint in tree.dependent])
-    room = np.where(np.isfinite(limits).all(axis=1), STOP * (limits[:, 1] - limits[:, 0]), 0)
+    # A little of a dependent joint's range stays free at each stop.
+    room = np.where(np.isfinite(limits).all(axis=1), 0.02 * (limits[:, 1] - limits[:, 0]), 0)
 
     def holds(shares: np.ndarray) -> bool:
         first, last = center + shares[0] * (low - center), center + shares[1] * (high - center)

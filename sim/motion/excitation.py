@@ -9,10 +9,6 @@ from ident.annotations import typed
 from ident.arguments import is_number
 from ident.errors import InputError
 
-NOISE_INTERVAL = 0.01
-"""Interval in s over which a sample of acceleration noise is held."""
-
-
 Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray]
 """q in rad, q̇ in rad/s and q̈ in rad/s² of samples, each (N, n)."""
 
@@ -37,7 +33,7 @@ class Excitation:
     """Accelerations `q̈ = Σ a sin(2πft + p) + noise`, integrated to velocities and positions.
 
     The sinusoids are integrated without drift: `q̇ = -Σ a/(2πf) cos(…)`, `q = offset - Σ a/(2πf)² sin(…)`. The noise is
-    held over `NOISE_INTERVAL` and integrated exactly, from rest.
+    held over 10 ms and integrated exactly, from rest.
 
     Attributes:
         offset: Mean joint positions, rad (n,).
@@ -100,7 +96,7 @@ class Excitation:
         return q + noise[0], dq + noise[1], ddq + noise[2]
 
     def _integrated_noise(self, time: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-        h = NOISE_INTERVAL
+        h = 0.01
         time = np.asarray(time)
         interval = np.floor(np.maximum(time, 0) / h + 1e-6).astype(int)
         a = self.noise * rng.normal(size=(interval[-1] + 1, len(self.offset)))
@@ -131,14 +127,8 @@ BOWING = Excitation(
 """Excitation of the scene `bowing`, at ankle and hip: slow, by some 25° and 50°."""
 
 
-REACH = 0.9
-"""Largest angle of random moves from the middle, rad: the workspace of an arm without its ends."""
-
 LASTING, RESTING = (0.6, 1.2), (0.05, 0.4)
 """Shortest and longest move and rest, s, for an arm of some kilograms at a brisk pace."""
-
-RAMP = 1 / 3
-"""Share of a move for its acceleration, and for its deceleration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +166,14 @@ class Trapezoids:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, joints: int, seconds: float) -> "Trapezoids":
-        """Random moves between random positions that last at least a given time."""
+        """Random moves between random positions that last at least a given time.
+
+        Positions are within 0.9 rad of the middle: the workspace of an arm without its ends.
+        """
         moves = int(np.ceil(seconds / (LASTING[0] + RESTING[0]))) + 1
         lasting, resting = (rng.uniform(*limits, size=(joints, moves)) for limits in (LASTING, RESTING))
         ends = np.cumsum(lasting + resting, axis=1)
-        return cls(ends - lasting, lasting, rng.uniform(-REACH, REACH, size=(joints, moves + 1)))
+        return cls(ends - lasting, lasting, rng.uniform(-0.9, 0.9, size=(joints, moves + 1)))
 
     @property
     def joints(self) -> int:
@@ -212,12 +205,13 @@ class Trapezoids:
         before, way = self.goals[joint, move], np.diff(self.goals[joint])[move]
         u = np.clip((time - begin) / lasting, 0, 1)
         # In units of a move: constant velocity between the two ramps.
-        rate = 1 / (1 - RAMP)
-        rising, falling = u < RAMP, u > 1 - RAMP
+        part = 1 / 3
+        rate = 1 / (1 - part)
+        rising, falling = u < part, u > 1 - part
         ramp = np.where(falling, 1 - u, u)
-        share = np.where(rising | falling, rate / RAMP * ramp**2 / 2, rate * (u - RAMP / 2))
+        share = np.where(rising | falling, rate / part * ramp**2 / 2, rate * (u - part / 2))
         share = np.where(falling, 1 - share, share)
-        speed = rate * np.minimum(1, np.minimum(u, 1 - u) / RAMP)
+        speed = rate * np.minimum(1, np.minimum(u, 1 - u) / part)
         moving = (u > 0) & (u < 1)
-        bend = rate / RAMP * (rising.astype(float) - falling) * moving
+        bend = rate / part * (rising.astype(float) - falling) * moving
         return before + way * share, way * speed / lasting, way * bend / lasting**2

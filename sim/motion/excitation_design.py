@@ -15,9 +15,6 @@ from ident.tolerances import HUGE
 from sim.motion.collisions import Collisions, Walls
 from sim.motion.interior_point import minimum
 
-FEWEST = 2
-"""Least number of harmonics: with fewer, a series that rests at its ends has no free coefficients."""
-
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory:
@@ -97,8 +94,9 @@ def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
     Raises:
         InputError: There are too few harmonics, or the duration is not positive.
     """
-    if harmonics < FEWEST:
-        raise InputError(f"A series that starts and ends at rest needs at least {FEWEST} harmonics, got {harmonics}.")
+    # With fewer, a series that rests at its ends has no free coefficients.
+    if harmonics < 2:
+        raise InputError(f"A series that starts and ends at rest needs at least 2 harmonics, got {harmonics}.")
     _check_duration(duration)
     k = np.arange(1.0, harmonics + 1)
     w = 2 * np.pi * k / duration
@@ -127,27 +125,8 @@ States: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 Cost: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[float, States]]
 """Cost to minimise: from q, q̇ and q̈ of a motion (G, n) to a number and its derivatives by them."""
 
-PER_PERIOD = 12
-"""Samples for each period of the fastest harmonic during the search."""
-
-PER_PERIOD_CHECKED = 200
-"""Samples per such period when a motion is scaled into its limits: peaks between samples are at most 1.3e-4 higher."""
-
-FEWEST_SAMPLES = 100
-"""Least number of samples of a motion during the search."""
-
-FINER = 3
-"""Samples at which limits are imposed during the search, per sample of the cost."""
-
 CHECKED = 4
 """Samples at which collisions are checked, per sample of the cost."""
-
-NEARBY = 0.8
-"""Standard deviation of a nearby start from a motion: relative to the root mean square of each joint's coefficients,
-and for the centre to a quarter of the joint's range."""
-
-INSIDE = 0.9
-"""Factor by which a start is shrunk towards the middle of all limits, so that the search begins strictly inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +179,8 @@ class Limits:
 
 def scaled_into(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     """The trajectory with every joint that violates a limit shrunk towards the middle of its range."""
-    time = np.linspace(0, trajectory.duration, PER_PERIOD_CHECKED * trajectory.harmonics + 1)
-    # The margin covers peaks between two samples.
+    time = np.linspace(0, trajectory.duration, 200 * trajectory.harmonics + 1)
+    # The margin covers peaks between two samples, which are at most 1.3e-4 higher.
     factor = 1 / np.maximum(1, limits.use(*trajectory.states(time)) * (1 + 2e-4))
     center = limits.middle + factor * (trajectory.center - limits.middle)
     return replace(trajectory, center=center, coefficients=factor[:, None] * trajectory.coefficients)
@@ -231,17 +210,21 @@ def random_start(
     return replace(swing, center=inside)
 
 
-def nearby_start(motion: FourierTrajectory, limits: Limits, rng: np.random.Generator) -> FourierTrajectory:
+def nearby_start(
+    motion: FourierTrajectory, limits: Limits, rng: np.random.Generator, spread: float = 0.8
+) -> FourierTrajectory:
     """A random motion near another one, inside the limits.
 
     Args:
         motion: The other motion.
         limits: The limits.
         rng: Generator of the differences.
+        spread: Their standard deviation, relative to the root mean square of each joint's coefficients, and for the
+            centre to a quarter of the joint's range.
     """
-    center = motion.center + NEARBY / 2 * limits.half_range * rng.normal(size=len(motion.center))
+    center = motion.center + spread / 2 * limits.half_range * rng.normal(size=len(motion.center))
     swing = np.sqrt(np.mean(motion.coefficients**2, axis=1, keepdims=True))
-    coefficients = motion.coefficients + NEARBY * swing * rng.normal(size=motion.coefficients.shape)
+    coefficients = motion.coefficients + spread * swing * rng.normal(size=motion.coefficients.shape)
     return scaled_into(replace(motion, center=center, coefficients=coefficients), limits)
 
 
@@ -280,11 +263,13 @@ class _Search:
 
     def __init__(self, cost: Cost, limits: Limits, duration: float, harmonics: int) -> None:
         self.cost, self.limits, self.duration, self.harmonics = cost, limits, duration, harmonics
-        self.samples = max(FEWEST_SAMPLES, PER_PERIOD * harmonics)
+        # Twelve for each period of the fastest harmonic.
+        self.samples = max(100, 12 * harmonics)
         # q - middle, q̇ and q̈ of joint j are maps[:, j] @ x[j].
         self.maps = self._maps(harmonics, self.samples)
         scale = np.stack([limits.half_range, limits.velocity, limits.acceleration])
-        fractions = self._maps(harmonics, FINER * self.samples) / scale[:, :, None, None]
+        # Limits are imposed at more samples than the cost has.
+        fractions = self._maps(harmonics, 3 * self.samples) / scale[:, :, None, None]
         self.rows = np.concatenate(list(fractions), axis=1)
 
     def _maps(self, harmonics: int, samples: int) -> np.ndarray:
@@ -297,7 +282,8 @@ class _Search:
 
     def run(self, start: FourierTrajectory, iterations: int) -> FourierTrajectory:
         """The better of a start and the minimum found from it."""
-        x = minimum(self.value_and_gradient, INSIDE * self.variables(start), self.rows, iterations)
+        # Shrunk towards the middle of all limits, so that the search begins strictly inside.
+        x = minimum(self.value_and_gradient, 0.9 * self.variables(start), self.rows, iterations)
         candidates = [scaled_into(self.trajectory(x), self.limits), start]
         return min(candidates, key=lambda trajectory: self.value_and_gradient(self.variables(trajectory))[0])
 

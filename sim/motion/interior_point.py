@@ -26,15 +26,6 @@ BARRIERS = (2.0, 0.2, 0.02, 0.002)
 SETTLED = 0.005
 """Predicted decrease, relative to a weight, below which the method goes on to the next weight."""
 
-TOWARDS = 0.99
-"""Largest step, as a fraction of the distance to the nearest limit."""
-
-PROMISED, HALVINGS = 1e-4, 12
-"""Fraction of the predicted decrease that a step has to attain (Armijo), and the largest number of halvings."""
-
-KEPT = 1e3
-"""Largest factor between multipliers and μ/s, their values for a pure barrier method."""
-
 SIGNS = np.array([1.0, -1.0])[:, None, None]
 """Signs of upper and lower limits."""
 
@@ -89,7 +80,8 @@ def _step(
     """A step p (n, w), the slope of φ along it, and the multipliers after it (2, n, m)."""
     n, _, w = limits.shape
     central = weight / here.slacks
-    multipliers = np.clip(multipliers, central / KEPT, central * KEPT)
+    # Near μ/s, their values for a pure barrier method.
+    multipliers = np.clip(multipliers, central / 1e3, central * 1e3)
     gradient = here.gradient + _times(np.swapaxes(limits, 1, 2), central[0] - central[1])
     matrix = curvature.reshape(n, w, n, w).copy()
     stiffness = (multipliers / here.slacks).sum(axis=0)
@@ -102,14 +94,17 @@ def _step(
 def _descended(
     function: Function, here: _Point, step: np.ndarray, slope: float, limits: np.ndarray, weight: float
 ) -> _Point | None:
-    """Point after a backtracking line search with the Armijo condition, None if no step length satisfies it."""
+    """Point after a backtracking line search with the Armijo condition, None if no step length satisfies it.
+
+    A step attains at least 1e-4 of the predicted decrease, and at most .99 of the distance to the nearest limit.
+    """
     loss = SIGNS * _times(limits, step)
-    length = min(1.0, TOWARDS / float((loss / here.slacks).max()))
+    length = min(1.0, 0.99 / float((loss / here.slacks).max()))
     before = here.barred(weight)
-    for _ in range(HALVINGS):
+    for _ in range(12):
         x = here.x + length * step
         there = _Point(x, *function(x), here.slacks - length * loss)
-        if there.barred(weight) <= before + PROMISED * length * slope:
+        if there.barred(weight) <= before + 1e-4 * length * slope:
             return there
         length /= 2
     return None

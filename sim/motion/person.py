@@ -35,9 +35,6 @@ RESTLESS = (
 )
 """Joints with small motions at all times; those of the arms on both sides."""
 
-STENCIL = 2e-3
-"""Step of the eighth-order finite differences for derivatives, s: their error is rounding only."""
-
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
@@ -75,9 +72,11 @@ def motion(tree: Tree, activity: str, time: np.ndarray, style: Style = Style()) 
     """
     if activity not in ACTIVITIES:
         raise InputError(f"A person does one of {', '.join(ACTIVITIES)}, got '{activity}'.")
-    steps = STENCIL * np.arange(-4, 5)
+    # With such steps, s, the error of finite differences of eighth order is rounding only.
+    step = 2e-3
+    steps = step * np.arange(-4, 5)
     points = coordinates(tree, activity, (time[:, None] + steps).ravel(), style).reshape(len(time), len(steps), -1)
-    rates = (weights @ points for weights in (_FIRST / STENCIL, _SECOND / STENCIL**2))
+    rates = (weights @ points for weights in (_FIRST / step, _SECOND / step**2))
     states = np.stack([points[:, 4], *rates])
     return Motion(*joint_states(tree, states[..., 7:]), base_motion(states[..., :7]))
 

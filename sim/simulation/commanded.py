@@ -15,12 +15,6 @@ from sim.models.model_update import updated_spec
 from sim.models.notes import joint_name, without_log
 from sim.simulation.readings import ONE_DOF
 
-LONGEST_STEP = 1e-3
-"""Longest time step, s: servos of light joints oscillate with some tens of hertz."""
-
-FARTHEST = 1e3
-"""Coordinate from which a simulation counts as diverged, rad or m."""
-
 DIVERGED = (
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
@@ -58,14 +52,15 @@ def rolled_out(
     """
     joints = mechanism.tree.joints
     model, chosen = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {})
-    steps = max(1, int(np.ceil(1 / (recording.rate * min(LONGEST_STEP, model.opt.timestep)))))
+    # Servos of light joints oscillate with some tens of hertz.
+    steps = max(1, int(np.ceil(1 / (recording.rate * min(1e-3, model.opt.timestep)))))
     model.opt.timestep = 1 / (recording.rate * steps)
     data, at, dof = mujoco.MjData(model), model.jnt_qposadr[chosen], model.jnt_dofadr[chosen]
     data.qpos[at], data.qvel[dof] = recording.of_joints(joints, "position")[0], 0 if rates is None else rates
     kp = np.array([recording.servos[joint].kp for joint in joints])
     out = np.full((len(recording.time), len(joints)), np.nan)
     for k, commands in enumerate(_acting(recording, joints, steps, lag)):
-        if not np.abs(data.qpos[at]).max() < FARTHEST or any(data.warning[w].number for w in DIVERGED):
+        if not np.abs(data.qpos[at]).max() < 1e3 or any(data.warning[w].number for w in DIVERGED):
             break
         out[k] = data.qpos[at]
         for command in commands:

@@ -76,8 +76,7 @@ def test_they_are_found_where_they_are(spans, heavier):
     for contact, (first, last) in zip(contacts, spans, strict=True):
         assert first - 0.2 < contact.start <= first + 0.03 and last - 0.03 <= contact.end < last + 0.21
         np.testing.assert_allclose(contact.carries, FORCE[2] / WEIGHT, atol=0.05)
-        assert contact.contact.body == "link2" and contact.contact.explained > 0.99
-        np.testing.assert_allclose(contact.contact.point, (0, 0, 0.1), atol=0.05)
+        assert contact.body == "link2"
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():

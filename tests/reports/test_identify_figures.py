@@ -8,7 +8,6 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
-from ident.display import plots
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +48,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     mask[[20, 60, 62, 64], 0] = True
     first = held_out_figure(replace(estimate, held_out=replace(estimate.held_out, resting=mask))).axes[0]
     edges = np.array([path.get_extents().intervalx for path in first.collections[0].get_paths()])
-    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * plots.VISIBLE * np.ptp(time)).all()
+    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * 0.012 * np.ptp(time)).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
     assert not any(line.get_visible() for line in first.get_xgridlines())

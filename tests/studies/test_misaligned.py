@@ -115,7 +115,7 @@ def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, c
 def test_figures_show_what_their_captions_say(study):
     figure, magnitudes = (study_report.figure(study, name) for name in ("figure_2", "figure_3"))
     assert figure.get_figwidth() == SHEET.column and len(figure.axes) == 6
-    truth, half = study.recording.noise_free.wrench("ground").values, study_report.WINDOW // 2
+    truth, half = study.recording.noise_free.wrench("ground").values, 25 // 2
     colors = {"True": "black", "Simplified": "C1", "Full": "C0"}
     for component, (ax, below) in enumerate(zip(figure.axes, magnitudes.axes, strict=True)):
         # Panels run row by row, components column by column.

@@ -96,7 +96,7 @@ class Condition:
         scale: Factor on the noise of joint angles, velocities and accelerations.
         decay: Autocorrelation of the angles' noise at a lag of one sample, as an AR(1) process.
         missing: Share of the instants that are not recorded.
-        outliers: Share of the angles, forces and torques with additional `GROSS` errors.
+        outliers: Share of the angles, forces and torques with additional errors of twenty times the noise.
         compared: True to compare all estimators, False for the trajectory estimate alone.
         motion: Motion drawn for each recording, one of `MOTIONS`; by default the subject's own.
         rate: Samples per second; rates other than `RATE` for drawn motions only.
@@ -215,12 +215,6 @@ CONDITIONS: Mapping[str, Condition] = {
 }
 """Conditions of the study by name; at ×1 and 0.5° the noise is that of the scenes."""
 
-STRIBECK_SHARE = 0.5
-"""True Stribeck friction over Coulomb friction: dry joints break loose at one and a half times their friction."""
-
-TAKEN_UP = 1e-8
-"""Largest part of a unit column outside the span of base parameters that absorb it."""
-
 
 def drawn_bodies(mechanism: Mechanism, rng: np.random.Generator) -> np.ndarray:
     """φ of bodies drawn from the prior around a mechanism's, as in `ident.parameters.prior` (10 b,)."""
@@ -244,7 +238,8 @@ def drives(mechanism: Mechanism, model: mujoco.MjModel, *, stribeck: bool = Fals
     """Rotor inertia, viscous, Coulomb and perhaps Stribeck friction of each joint in a model, by column name."""
     addresses = {joint_name(model, j): int(model.jnt_dofadr[j]) for j in range(model.njnt)}
     stated = {"rotor": model.dof_armature, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
-    stated |= {"stribeck": STRIBECK_SHARE * model.dof_frictionloss} if stribeck else {}
+    # Dry joints break loose at one and a half times their friction.
+    stated |= {"stribeck": 0.5 * model.dof_frictionloss} if stribeck else {}
     return {
         name: float(values[addresses[joint]])
         for kind, values in stated.items()
@@ -273,7 +268,7 @@ def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) ->
     combined = np.linalg.lstsq(kept / sizes, taken, rcond=None)[0] / sizes[:, None]
     left = np.linalg.norm(taken - kept @ combined, axis=0)
     # Friction that is not identified is not absorbed, and is not part of the parameters' truth.
-    is_taken = left < TAKEN_UP * np.linalg.norm(taken, axis=0)
+    is_taken = left < 1e-8 * np.linalg.norm(taken, axis=0)
     return own + combined[:, is_taken] @ np.array([stated[name] for name in others])[is_taken]
 
 

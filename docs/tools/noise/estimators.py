@@ -39,9 +39,6 @@ from ident.recordings.stated import model_servo
 from ident.setup import SETUP
 from sim.models.model_mechanism import Origin
 
-BLOCK = 50
-"""Samples over which residuals may be correlated: half a second."""
-
 
 def low_passed(mechanism: Mechanism, recording: Recording, cutoff: float | None = None) -> tuple[Motion, int]:
     """Angles and derivatives by a zero-phase Butterworth filter, and the samples that it takes to settle at each end.
@@ -86,7 +83,8 @@ def instrumental(
         edge: Samples to leave out at each end.
 
     Returns:
-        Base parameters, and their standard deviations for residuals that are correlated within `BLOCK` samples (r,).
+        Base parameters, and their standard deviations for residuals that are correlated within 50 samples, half a
+            second (r,).
     """
     wrench = recording.wrench("ground")
     std = np.sqrt(np.diag(wrench.covariance)) if wrench.covariance is not None else np.ones(6)
@@ -96,7 +94,7 @@ def instrumental(
     normal = np.einsum("ncr,ncs->rs", Z, Y)
     psi = np.linalg.solve(normal, np.einsum("ncr,nc->r", Z, measured))
     pulls = np.einsum("ncr,nc->nr", Z, measured - Y @ psi)
-    together = np.add.reduceat(pulls, np.arange(0, len(pulls), BLOCK))
+    together = np.add.reduceat(pulls, np.arange(0, len(pulls), 50))
     spread = np.linalg.solve(normal, together.T)
     return psi, np.sqrt((spread**2).sum(axis=1))
 

@@ -20,9 +20,6 @@ from sim.motion.excitation import DesiredMotion, Excitation, Trapezoids
 from sim.simulation.readings import play, sensors, steps_per_sample
 from sim.simulation.simulate import LEAD_IN, servos, simulate, with_noise
 
-GROSS = 20.0
-"""Standard deviation of outliers, over that of the noise."""
-
 FREQUENCIES, ANGLES = np.array([0.15, 0.31, 0.52, 0.78]), np.array([0.5, 0.38, 0.26, 0.16])
 """Frequencies, Hz, and amplitudes, rad, of the sinusoids of each joint, before random scaling."""
 
@@ -128,9 +125,10 @@ def _disturbed(
         for name in angles:
             drawn = autoregressive(rng, recording.time.size, condition.decay)
             measured[name] = recording.true[name] + noise[name] * drawn
+    # Outliers have twenty times the noise's deviation.
     for name in [*angles, *GROUND] if condition.outliers else ():
         gross = (rng.random(measured[name].shape) < condition.outliers) * rng.normal(size=measured[name].shape)
-        measured[name] = measured[name] + GROSS * noise[name] * gross
+        measured[name] = measured[name] + 20.0 * noise[name] * gross
     for name, true in recording.true.items() if condition.freedom else ():
         if name in noise:
             measured[name] = true + noise[name] * student(others, true.shape, condition.freedom)

@@ -73,16 +73,12 @@ def noisy(source: Path, target: Path, factor: float = 1.0) -> None:
     _write(target, "\n".join([*lines[: start + 1], *rows, ""]))
 
 
-WRONG = 0.2
-"""Largest errors of a model's bodies, as shares of mass, centre and inertia."""
-
-
 def wrong_bodies(source: Path, target: Path) -> None:
     """Makes masses, centres and inertias of an OpenSim model's bodies wrong by up to a fifth, drawn by its name."""
     rng = np.random.default_rng(list(source.name.encode()))
 
     def wrong(match: re.Match[str]) -> str:
-        numbers = np.array(match[2].split(), float) * (1 + WRONG * rng.uniform(-1, 1))
+        numbers = np.array(match[2].split(), float) * (1 + rng.uniform(-0.2, 0.2))
         return f"{match[1]}{' '.join(f'{x:.12g}' for x in numbers)}{match[3]}"
 
     text = source.read_text(encoding="utf-8")

@@ -19,9 +19,6 @@ from ident.files.limits import PIECE, reason
 HOST = "https://raw.githubusercontent.com"
 """Server of the files of repositories."""
 
-TIMEOUT = 30.0
-"""Time without an answer after which a download ends, s."""
-
 DEADLINE = 1800.0
 """Time for a whole file, s: one of 30 MB at 20 kB/s; a server that sends byte by byte is left then."""
 
@@ -104,7 +101,7 @@ def _receive(url: str, file: IO[bytes]) -> None:
     """
     done, end = 0, time.monotonic() + DEADLINE
     try:
-        with urlopen(url, timeout=TIMEOUT) as response:
+        with urlopen(url, timeout=30) as response:
             while piece := response.read1(PIECE):
                 if time.monotonic() > end:
                     raise TimeoutError(f"{done} bytes took more than {DEADLINE:g} s")

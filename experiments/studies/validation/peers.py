@@ -38,26 +38,12 @@ from sim.models.model_mechanism import mechanism
 PLAIN = "plain least squares"
 """Name of the ordinary least squares."""
 
-WINDOW = 0.5
-"""Length of simulations that mujoco.sysid compares, s: pieces between which errors of joints without a restoring force
-do not add up."""
-
-STEP = 0.002
-"""Longest step of these simulations, s: MuJoCo's default."""
-
-ITERATIONS = 20
-"""Largest number of its iterations, each of one simulation of every piece for every parameter."""
-
 UNLIMITED = '<limit lower="-1e3" upper="1e3" effort="1e6" velocity="1e6"/>'
 """Limits of a joint that has none."""
 
 SHARE = 0.1
 """Cut-off of FIGAROH's low-pass over the sampling rate, as in its UR10 example; that of the first velocities of
 simulations too."""
-
-
-STEPS, HISTORY = 200, 20
-"""Largest numbers of steps of nimblephysics' optimisation and of gradients that it keeps, those of AddBiomechanics."""
 
 Values = Mapping[str, float]
 """Estimates of base parameters, drives and offsets, by the names of the estimate's columns."""
@@ -259,8 +245,9 @@ def nimble(model: Path, logs: Sequence[Sequence[Path]], estimate: Estimate) -> A
     fitter.addJointBoundSlack(skeleton, 0.1)
     fitter.smoothAccelerations(fit)
     fitter.timeSyncAndInitializePipeline(fit)
-    fitter.setIterationLimit(STEPS)
-    fitter.setLBFGSHistoryLength(HISTORY)
+    # As AddBiomechanics has them.
+    fitter.setIterationLimit(200)
+    fitter.setLBFGSHistoryLength(20)
     problem = made.DynamicsFitProblemConfig(skeleton).setDefaults(True).setIncludePoses(True)
     fitter.runIPOPTOptimization(fit, problem.setIncludeMasses(True).setIncludeCOMs(True).setIncludeInertias(True))
     fitter.applyInitToSkeleton(skeleton, fit)
@@ -313,7 +300,8 @@ def sysid(task: Given) -> Answer:
         [sysid.TimeSeries.from_names(t, part.q, model) for t, (part, _) in zip(times, parts, strict=True)],
     )
     residual = sysid.build_residual_fn(models_sequences=[sequences])
-    optimal, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)
+    # Each iteration takes a simulation of every piece for every parameter.
+    optimal, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=20)
     sysid.apply_param_modifiers_spec(optimal, spec)
     made = mechanism(spec)
     own = dict(zip(made.bodies, made.known.reshape(-1, 10), strict=True))
@@ -322,12 +310,15 @@ def sysid(task: Given) -> Answer:
 
 
 def _simulated(spec: Any, joints: Sequence[str], rate: float) -> Any:
-    """Specification with a motor and an encoder at every joint, without contacts, at a whole fraction of the rate."""
+    """Specification with a motor and an encoder at every joint, without contacts, at a whole fraction of the rate.
+
+    Steps are at most MuJoCo's default of 2 ms.
+    """
     import mujoco
 
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT
-    spec.option.timestep = 1 / rate / np.ceil(1 / rate / STEP)
+    spec.option.timestep = 1 / rate / np.ceil(1 / rate / 0.002)
     for joint in joints:
         spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         kinds = {"type": mujoco.mjtSensor.mjSENS_JOINTPOS, "objtype": mujoco.mjtObj.mjOBJ_JOINT}
@@ -338,9 +329,12 @@ def _simulated(spec: Any, joints: Sequence[str], rate: float) -> Any:
 
 
 def _windows(log: TorqueLog) -> list[tuple[TorqueLog, np.ndarray]]:
-    """Pieces of a log, and their first velocities (n,)."""
+    """Pieces of a log, and their first velocities (n,).
+
+    In half a second errors of joints without a restoring force do not add up.
+    """
     smooth = sosfiltfilt(butter(4, 2 * SHARE, output="sos"), log.q, axis=0)
-    rates, size = np.gradient(smooth, 1 / log.rate, axis=0), round(WINDOW * log.rate)
+    rates, size = np.gradient(smooth, 1 / log.rate, axis=0), round(0.5 * log.rate)
     starts = range(0, len(log.q) - size, size)
     return [(replace(log, q=log.q[k : k + size], torque=log.torque[k : k + size]), rates[k]) for k in starts]
 

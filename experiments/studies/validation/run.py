@@ -35,9 +35,6 @@ from sim.models.notes import ModelNote
 BODY = "tool"
 """Name of a body alone in the columns files."""
 
-MOST_ALONE = 3
-"""Largest number of logs that are identified one by one."""
-
 
 def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping[str, Any]) -> dict[str, Any]:
     """Known base parameters and drives of an entry, empty without any.
@@ -150,7 +147,7 @@ def trials_of(entry: Entry) -> list[tuple[Log, ...]]:
     logs = entry.logs
     if len(logs) < 2 or entry.sensor:
         return []
-    return [(log,) for log in logs] if len(logs) <= MOST_ALONE else [logs[::2], logs[1::2]]
+    return [(log,) for log in logs] if len(logs) <= 3 else [logs[::2], logs[1::2]]
 
 
 def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: bool = False) -> dict[str, Any]:

@@ -17,9 +17,6 @@ from ident.errors import ModelError
 from ident.geometry import se3
 from sim.models.xml_files import LARGEST
 
-OLDEST = 30000
-"""The oldest version of the format that is read, in the file's notation."""
-
 
 def model_element(path: Path, root: ET.Element) -> ET.Element:
     """The `<Model>` of an OpenSim file with a root element.
@@ -31,9 +28,9 @@ def model_element(path: Path, root: ET.Element) -> ET.Element:
     if root.tag != "OpenSimDocument" or model is None:
         raise ModelError(f"{path}: an OpenSim file is an <OpenSimDocument> with a <Model>, this one a <{root.tag}>.")
     version = root.get("Version", "")
-    if not version.isdecimal() or int(version) < OLDEST:
+    if not version.isdecimal() or int(version) < 30000:
         raise ModelError(
-            f"{path}: files of OpenSim 3 and later are read (Version {OLDEST} or more), this one is '{version}'; let "
+            f"{path}: files of OpenSim 3 and later are read (Version 30000 or more), this one is '{version}'; let "
             "OpenSim open and save it."
         )
     return model
@@ -208,12 +205,6 @@ def offset(element: ET.Element, position: str, angles: str) -> np.ndarray:
 CLOSE = 2e-5
 """Error of a polynomial, in m or rad, below which it may replace a tabulated function."""
 
-DEGREE = 9
-"""Largest degree of a polynomial that approximates a tabulated function."""
-
-NODES, CHECKED = 200, 1001
-"""Number of points to which a polynomial is fitted, and at which its error is evaluated."""
-
 Evaluated = Callable[..., np.ndarray]
 
 
@@ -256,15 +247,22 @@ class Curve:
         low, high = sorted((end - constant) / slope for end in span)
         return low, high
 
-    def fitted(self, low: float, high: float) -> tuple[Polynomial, float]:
-        """The approximating polynomial over a range, and its largest error there."""
+    def fitted(self, low: float, high: float, nodes: int = 200, most: int = 9) -> tuple[Polynomial, float]:
+        """The approximating polynomial over a range, and its largest error there.
+
+        Args:
+            low: Lower end of the range.
+            high: Upper end.
+            nodes: Number of points to which polynomials are fitted; their errors are evaluated at five times as many.
+            most: Largest degree.
+        """
         if self.exact is not None:
             return self.exact, 0.0
-        at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-        x = np.linspace(low, high, CHECKED)
+        at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
+        x = np.linspace(low, high, 5 * nodes + 1)
         values, there = self.evaluated(x), self.evaluated(at)
         best: tuple[Polynomial, float] | None = None
-        for degree in range(DEGREE + 1):
+        for degree in range(most + 1):
             fit = Chebyshev.fit(at, there, degree, domain=[low, high]).convert(kind=Polynomial)
             error = float(abs(fit(x) - values).max())
             best = (fit, error) if best is None or error < best[1] else best

@@ -179,9 +179,6 @@ def links_in_order(model: ET.Element, frames: Frames) -> list[Link]:
     return out
 
 
-UNLIMITED = 1e3
-"""Ends of a range, in rad or m, from which it counts as unlimited."""
-
 USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
@@ -211,7 +208,8 @@ class Coordinate:
     def of(cls, element: ET.Element) -> "Coordinate":
         """The coordinate of a `<Coordinate>` element."""
         low, high = numbers(element, "range", 2, "-inf inf") if text(element, "range") else (-np.inf, np.inf)
-        limits = (float(low), float(high)) if -UNLIMITED < low < high < UNLIMITED else None
+        # Files state no limits as large ones.
+        limits = (float(low), float(high)) if -1e3 < low < high < 1e3 else None
         return cls(named(element), number(element, "default_value", "0"), flag(element, "locked", False), limits)
 
 

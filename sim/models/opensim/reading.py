@@ -22,9 +22,6 @@ from sim.models.opensim.joints import point_constraints
 from sim.models.opensim.skeleton import Skeleton
 from sim.models.xml_files import parsed
 
-STOPPED = 1e-3
-"""Distance of a limit from the end of a range, rad or m, within which they are the same: degrees are rounded."""
-
 
 def drives_of_coordinates(model: ET.Element, skeleton: Skeleton, tree: Tree) -> dict[str, Drive]:
     """Drives of a tree's coordinates by their names: every `SpringGeneralizedForce` that acts on one of them.
@@ -82,7 +79,8 @@ def _acts_inside(element: ET.Element, skeleton: Skeleton, tree: Tree, name: str)
     if limits is None:
         return False
     low, high = (unit * number(element, f"{end}_limit", inf) for end, inf in (("lower", "-1e9"), ("upper", "1e9")))
-    return low > limits[0] + STOPPED or high < limits[1] - STOPPED
+    # Degrees are rounded.
+    return low > limits[0] + 1e-3 or high < limits[1] - 1e-3
 
 
 STANDARD_GRAVITY = "0 -9.80665 0"
