@@ -220,7 +220,9 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "At the model's place none act alike in all postures; those that fit best come with centre = 0 under [setup].",
+        "At the model's place they act alike at rest if the body that carries the joint gets a first moment of this "
+        "shift times the mass beyond the joint, and none do in motion; those that fit best come with centre = 0 under "
+        "[setup].",
     ),
     "tracker_delay": SetupKind(
         std=0.05,

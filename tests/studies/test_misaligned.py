@@ -214,3 +214,11 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5
+
+
+def test_axes_that_are_found_far_from_the_true_ones_are_said_to_be_wrong(study, monkeypatch):
+    axes = study.estimated_axes("searched")
+    for tree, wrong in ((axes.tree, False), (study.known.tree, True)):
+        monkeypatch.setitem(study._searched, "searched", replace(axes, tree=tree))
+        (sentence,) = (line for line in study_report.lines(study) if line.startswith("Axes found"))
+        assert sentence.endswith(", which does not cover that: these are not the true axes") == wrong, sentence
