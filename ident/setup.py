@@ -220,9 +220,8 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "At the model's place they act alike at rest if the body that carries the joint gets a first moment of this "
-        "shift times the mass beyond the joint, and none do in motion; those that fit best come with centre = 0 under "
-        "[setup].",
+        "At the model's place they act alike at rest with one more first moment of the body that carries the joint: "
+        "this shift times the mass beyond it. In motion none do; centre = 0 under [setup] gives those that fit best.",
     ),
     "tracker_delay": SetupKind(
         std=0.05,
