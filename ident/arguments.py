@@ -5,6 +5,7 @@ from difflib import get_close_matches
 from numbers import Real
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ident.errors import InputError
@@ -72,7 +73,11 @@ def near(name: Any, choices: Iterable[str], others: int = 8) -> str:
 
 
 def checked_deviations(
-    where: str, given: Any, choices: Iterable[str], error: type[InputError] = InputError
+    where: str,
+    given: Any,
+    choices: Iterable[str],
+    error: type[InputError] = InputError,
+    most: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, float]:
     """Standard deviations by name, zero for exact values.
 
@@ -81,9 +86,10 @@ def checked_deviations(
         given: Mapping of names to numbers, or to False for zero.
         choices: Valid names.
         error: Type of the error to raise.
+        most: Largest standard deviations by name, of those that have one.
 
     Raises:
-        InputError: It is no mapping, a name is not valid, or a value is negative, NaN, infinite or no number.
+        InputError: It is no mapping, a name is not valid, or a value is negative, too large, NaN or no number.
     """
     names = tuple(choices)
     if not isinstance(given, Mapping):
@@ -91,14 +97,15 @@ def checked_deviations(
     for name, value in given.items():
         if name not in names:
             raise error(f"{where} has no entry '{short(name)}'; valid are {', '.join(names)}.")
-        if value is not False and not (is_number(value) and 0 <= value < HUGE):
-            limit = f"; numbers have to be below {HUGE:g}" if is_number(value) and value >= HUGE else ""
+        largest = most.get(name, HUGE)
+        if value is not False and not (is_number(value) and 0 <= value <= largest):
+            limit = f"; the largest is {largest:g}" if is_number(value) and value > largest else ""
             raise error(f"{where}.{name} needs a standard deviation, zero or false, got {short(value)}{limit}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 
 def checked_by_joint(
-    where: str, given: Any, kind: str, joints: Iterable[str], error: type[InputError] = InputError
+    where: str, given: Any, kind: str, joints: Iterable[str], most: float, error: type[InputError] = InputError
 ) -> tuple[Any, dict[str, float]]:
     """Divides standard deviations into those of kinds and those of one kind by joint; errors as above.
 
@@ -107,6 +114,7 @@ def checked_by_joint(
         given: Mapping in which that kind may be a table of joints, as `{"centre": {"elbow": 0.01}}`.
         kind: The kind.
         joints: Names of the joints that have it.
+        most: Its largest standard deviation.
         error: Type of the error to raise.
 
     Returns:
@@ -118,7 +126,7 @@ def checked_by_joint(
     by_joint = {name[len(kind) + 1 : -1]: x for name, x in given.items() if name not in others}
     if isinstance(others.get(kind), Mapping):
         by_joint |= others.pop(kind)
-    checked = checked_deviations(f"{where}.{kind}", by_joint, joints, error)
+    checked = checked_deviations(f"{where}.{kind}", by_joint, joints, error, dict.fromkeys(by_joint, most))
     return others, {f"{kind}({joint})": std for joint, std in checked.items()}
 
 

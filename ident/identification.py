@@ -20,7 +20,7 @@ from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.setup import OWN, PRIORS, SETUP
+from ident.setup import LARGEST, OWN, PRIORS, SETUP
 from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
 
@@ -92,8 +92,8 @@ def checked_setup(given: Any, joints: Iterable[str]) -> dict[str, float]:
     Raises:
         InputError: They are malformed, or one is given to scales of torques, which have their own by joint.
     """
-    given, single = checked_by_joint("setup", given, "centre", joints)
-    setup = checked_deviations("setup", given, PRIORS)
+    given, single = checked_by_joint("setup", given, "centre", joints, LARGEST["centre"])
+    setup = checked_deviations("setup", given, PRIORS, most=LARGEST)
     for kind, std in setup.items():
         if std and SETUP[kind].stated:
             raise InputError(

@@ -25,6 +25,7 @@ class Unit(NamedTuple):
         si: The SI unit, in which it is computed.
         factor: Factor to the unit in which sentences give it.
         shown: That unit, with the space before it.
+        most: Largest standard deviation of a prior, in SI units and radians.
         suffix: Suffix of the key in columns files that give it in another unit.
         stated: Factor from that other unit to SI.
     """
@@ -32,14 +33,16 @@ class Unit(NamedTuple):
     si: str
     factor: float
     shown: str
+    most: float
     suffix: str = ""
     stated: float = 1.0
 
 
-TIME = Unit("s", 1e3, " ms")
-SHARE = Unit("1", 100.0, " %")
-LENGTH = Unit("m", 1e3, " mm")
-ANGLE = Unit("rad", math.degrees(1), "°", "_deg", math.radians(1))
+TIME = Unit("s", 1e3, " ms", 60.0)
+SHARE = Unit("1", 100.0, " %", 1.0)
+LENGTH = Unit("m", 1e3, " mm", 10.0)
+ANGLE = Unit("rad", math.degrees(1), "°", math.pi, "_deg", math.radians(1))
+"""Units. No set-up is less certain than a minute, the whole of a channel, ten metres or half a turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +220,8 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "At the model's place none act alike in all postures; those that fit best come with centre = 0 under [setup].",
+        "At the model's place they act alike at rest with one more first moment of the body that carries the joint: "
+        "this shift times the mass beyond it. In motion none do; centre = 0 under [setup] gives those that fit best.",
     ),
     "tracker_delay": SetupKind(
         std=0.05,
@@ -239,6 +243,9 @@ OWN = (OFFSET, FRICTION, *(kind for kind, row in SETUP.items() if row.own))
 
 PRIORS = {kind: row.std for kind, row in SETUP.items()}
 """Default standard deviations of the priors."""
+
+LARGEST = {kind: row.unit.most for kind, row in SETUP.items()}
+"""Largest standard deviations that a prior may have."""
 
 OF_PEOPLE = 0.01
 """Standard deviation of the joint centres in models of people, m: regressions and scaling place them to 10 to 20 mm."""

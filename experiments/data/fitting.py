@@ -220,7 +220,7 @@ def searched_axes(
     """
     check_revolute(mechanism.tree)
     estimate = trajectory_estimate(mechanism, recording, base, searched=True)
-    if estimate.trajectory is None or not estimate.setup:
+    if estimate.trajectory is None or not any(each.kind == "axis" for each in estimate.setup):
         raise ExcitationError("No tilt of the joint axes is found.")
     measurement, fit = estimate.trajectory.measurement, estimate.trajectory.fit
     tree = measurement.corrected_tree(fit.theta)

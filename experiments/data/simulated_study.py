@@ -309,7 +309,7 @@ def wrench_error(study: SimulatedStudy, model: str) -> np.ndarray:
 def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
     """Tilts of each joint's axis about axes of the base frame, deg: true, and of models as estimated of it alone.
 
-    Those that a search leaves as drawn have no standard deviation.
+    Those that a search leaves as drawn are empty.
     """
     tree, out = study.known.tree, dict[str, dict[str, float | None]]()
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
@@ -319,7 +319,8 @@ def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, f
         for model, axis in ((model, axes.separate[j]) for model in models if (axes := study.estimated_axes(model))):
             std = np.degrees(np.linalg.norm(np.cross(drawn, axis.influence), axis=0))
             for k, row in rows.items():
-                row |= {f"tilt_{model}_deg": _tilt(drawn, axis.vector)[k], f"std_{model}_deg": float(std[k]) or None}
+                tilt, std_k = (_tilt(drawn, axis.vector)[k], float(std[k])) if std[k] > ROUNDING else (None, None)
+                row |= {f"tilt_{model}_deg": tilt, f"std_{model}_deg": std_k}
         out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": row for k, row in rows.items()}
     return out
 

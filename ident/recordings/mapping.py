@@ -30,7 +30,7 @@ from ident.recordings.entries import (
 from ident.recordings.plates import LOADS, Plate, external_loads
 from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor
-from ident.setup import ANGLE, SETUP
+from ident.setup import ANGLE, LARGEST, SETUP
 
 DEVIATIONS = {
     f"{kind}{row.unit.suffix}": row.unit.stated
@@ -241,9 +241,12 @@ def _deviations(
 ) -> dict[str, float]:
     """Standard deviations by kind, of centres by joint, too; zero or false for what is exactly as stated."""
     entry = table(name, entries.get(name, {}))
-    entry, single = checked_by_joint(name, entry, "centre", joints, LogError) if joints else (entry, {})
+    entry, single = (
+        checked_by_joint(name, entry, "centre", joints, LARGEST["centre"], LogError) if joints else (entry, {})
+    )
     check_keys(f"[{name}]", entry, tuple(factors))
-    deviations = checked_deviations(name, entry, factors, LogError)
+    most = {key: LARGEST[kind] / x for key, x in factors.items() if (kind := key.removesuffix(ANGLE.suffix)) in LARGEST}
+    deviations = checked_deviations(name, entry, factors, LogError, most)
     return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()} | single
 
 

@@ -175,7 +175,6 @@ class SearchSpace:
         steps, z = values[:, None] * directions, np.abs(values / spread)
         sizes = np.where(self.drives, steps, np.abs(steps))
         likely = (sizes > self.least).any(axis=1) & (z > PROMISING)
-        likely &= np.count_nonzero(directions, axis=1) <= MOST_DEVIATIONS
         likely[likely] = [clearly_better(each) for each in gains(fit, directions[likely] != 0)]
         return values, np.where(likely, z, 0.0)
 
@@ -196,7 +195,8 @@ def searched(
         first: The fit with the set-up as stated, or as estimated so far.
         refit: Function that fits again, with the covariance under the estimated noise.
         candidates: Mask of the set-up parameters (p,).
-        groups: Directions in which several parameters change together, by description (p,) each.
+        groups: Directions in which several parameters change together, by description (p,) each; those of more than
+            `MOST_DEVIATIONS` are neither tried nor alternatives.
         least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
         drives: Mask of drives to try beside them (p,).
         delays: Long delays to try before, of which those that later ones make needless are removed again.
@@ -210,6 +210,7 @@ def searched(
 
     fitted, deviations = first.fit, first.deviations
     drives = np.zeros_like(candidates) if drives is None else drives
+    groups = {name: each for name, each in groups.items() if np.count_nonzero(each) <= MOST_DEVIATIONS}
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
     known = _known(fitted)

@@ -184,13 +184,14 @@ def test_tilts_that_explain_nothing_alone_are_found_together():
     assert (abs(searched.error) < 3 * searched.std).all()
 
 
-def test_a_tilt_that_is_left_as_drawn_has_no_standard_deviation(study, monkeypatch):
+def test_a_tilt_that_is_left_as_drawn_is_empty(study, monkeypatch):
     axes = study.estimated_axes("searched")
     first, last = axes.separate
     left = replace(axes, separate=(replace(first, influence=0 * first.influence), last))
     monkeypatch.setitem(study._searched, "searched", left)
-    stds = [row["std_searched_deg"] for row in tilts(study, ["searched"]).values()]
-    assert stds[:2] == [None, None] and min(stds[2:]) > 0.01
+    rows = list(tilts(study, ["searched"]).values())
+    assert {row[f"{name}_searched_deg"] for row in rows[:2] for name in ("tilt", "std")} == {None}
+    assert min(row["std_searched_deg"] for row in rows[2:]) > 0.01
 
 
 def test_bodies_of_the_model_do_not_change_what_is_found(study):
@@ -213,3 +214,11 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5
+
+
+def test_axes_that_are_found_far_from_the_true_ones_are_said_to_be_wrong(study, monkeypatch):
+    axes = study.estimated_axes("searched")
+    for tree, wrong in ((axes.tree, False), (study.known.tree, True)):
+        monkeypatch.setitem(study._searched, "searched", replace(axes, tree=tree))
+        (sentence,) = (line for line in study_report.lines(study) if line.startswith("Axes found"))
+        assert sentence.endswith(", which does not cover that: these are not the true axes") == wrong, sentence

@@ -98,6 +98,10 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     for wrong, message in (
         ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre"),
         ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
+        (
+            "[setup]\naxis_deg = 400",
+            "setup.axis_deg needs a standard deviation, zero or false, got 400; the largest is 180",
+        ),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):
         (tmp_path / "columns.toml").write_text(wrong, encoding="utf-8")

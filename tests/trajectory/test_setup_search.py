@@ -110,6 +110,12 @@ def test_what_explains_nothing_alone_is_tried_with_its_group(shares, found):
     assert search_of([0.24, -0.24, 0.24], 0.1, groups={"all": np.array(shares, float)})[0] == found
 
 
+def test_a_group_of_more_than_are_ever_found_is_no_alternative():
+    for size, named in ((10, ("all",)), (11, ())):
+        search = search_of([3.0, *[0.0] * (size - 1)], 0.1, groups={"all": np.r_[1, [0.01] * (size - 1)]})[1]
+        assert [each.together for each in search.deviations] == [named]
+
+
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 
