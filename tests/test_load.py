@@ -193,7 +193,7 @@ def test_a_load_may_explain_all_that_recordings_share():
 @pytest.mark.slow
 def test_a_box_in_a_hand_is_weighed_by_plates():
     """Bodies of a person that the motion does not determine are a prior, which the hand with the box leaves."""
-    laboratory, time, person = Laboratory(rate=50.0, rail=False), np.arange(0, 3, 0.02), humanoid()
+    laboratory, time, person = Laboratory(rate=50.0, rail=False), np.arange(0, 2, 0.02), humanoid()
     box = np.zeros((len(person.bodies), 10))
     box[person.bodies.index("right_hand")] = parameters_from_com(6.0, [0.05, 0.25, -0.05], 0.06 * np.eye(3))
     logs = []

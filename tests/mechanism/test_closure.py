@@ -169,7 +169,7 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
 
 @pytest.mark.slow
 def test_a_parallel_gripper_is_weighed_from_a_wrist():
-    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(800) / 100
+    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(500) / 100
     waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
     own = {name: swings(t + k, a, [1.1 + k / 3, 2.9 + k / 3]) for k, (name, a) in enumerate(waves.items())}
     part = arm.beyond("palm")

@@ -66,7 +66,7 @@ def test_every_recording_has_noise_of_its_own():
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_knots_are_as_dense_as_each_recording_needs(order):
     """A motion four times as fast needs knots about four times as dense."""
-    logs = [driven_arm.log(6.0, pace=pace) for pace in (1.0, 4.0)]
+    logs = [driven_arm.log(4.0, pace=pace) for pace in (1.0, 4.0)]
     steps = ident.identify(driven_arm.mechanism(), [logs[k] for k in order]).trajectory.steps
     slow, fast = (steps[k] for k in np.argsort(order))
     assert 2.5 * fast < slow
