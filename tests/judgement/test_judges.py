@@ -1,6 +1,7 @@
 """Judges of residuals, convergence, set-up, contacts, mass, parts of the data, and of what a model lacks."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -120,6 +121,15 @@ def test_a_gain_of_all_channels_is_one_with_the_mass():
     assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
 
 
+@pytest.fixture
+def of_payload(monkeypatch):
+    """Findings on a payload, without those on the fit."""
+    monkeypatch.setattr(payload_findings, "JUDGES", ())
+    for name in ("force_findings", "consistency_findings"):
+        monkeypatch.setattr(payload_findings, name, lambda evidence: ())
+    return partial(payload_findings.payload_findings, None)
+
+
 @pytest.mark.parametrize(
     ("mass", "robot", "doubts"),
     [
@@ -132,21 +142,16 @@ def test_a_gain_of_all_channels_is_one_with_the_mass():
         (2400, 4000, [True]),
     ],
 )
-def test_a_payload_is_hardly_heavier_than_its_robot_and_never_than_any_robot_carries(monkeypatch, mass, robot, doubts):
-    for name in ("JUDGES", "force_findings", "consistency_findings"):
-        monkeypatch.setattr(payload_findings, name, () if name == "JUDGES" else lambda evidence: [])
-    identifiable = np.ones(10, bool)
-    findings = payload_findings.payload_findings(SimpleNamespace(), mass, robot, identifiable, "wrist")
+def test_a_payload_is_hardly_heavier_than_its_robot_and_never_than_any_robot_carries(of_payload, mass, robot, doubts):
+    findings = of_payload(mass, robot, np.ones(10, bool), "wrist")
     assert [(each.code, each.doubt) for each in findings] == [("payload_mass_unlikely", doubt) for doubt in doubts]
     assert all(each.values["mass"] == mass and each.values["robot"] == robot for each in findings)
 
 
-def test_a_rough_axis_of_a_payload_and_what_is_undetermined_are_remarks(monkeypatch):
-    for name in ("JUDGES", "force_findings", "consistency_findings"):
-        monkeypatch.setattr(payload_findings, name, () if name == "JUDGES" else lambda evidence: [])
+def test_a_rough_axis_of_a_payload_is_a_remark_and_only_an_open_mass_a_doubt(of_payload):
     known, axis = np.arange(10) % 4 > 0, np.array([0, 0, 1.0])
     for std, rough in ((0.09, []), (0.11, ["payload_axis_rough"])):
-        findings = payload_findings.payload_findings(SimpleNamespace(), 1.0, None, known, "wrist", (axis, std, 0.5))
+        findings = of_payload(1.0, None, known, "wrist", (axis, std, 0.5))
         assert [each.code for each in findings] == ["payload_mass_unknown", "payload_inertia_unknown", *rough]
         assert [each.doubt for each in findings] == [True, False, *(False for _ in rough)]
 

@@ -259,6 +259,7 @@ def test_short_numbers_are_those_of_a_body_or_the_ones_that_were():
             assert 0 < np.max(abs(short - exact)) / size < 0.5 * 10.0 ** (1 - DIGITS)
     point = shortened(0.12345678, np.zeros(3), np.zeros((3, 3)))
     assert point[0] == 0.123457 and not point[1].any() and not point[2].any()
+    assert not np.signbit(shortened(1.0, np.array([-1e-9, 0, 0.5]), np.eye(3))[1]).any()
     disc = 1.0, np.zeros(3), np.diag([1.000004, 1.000004, 2.000008])
     np.testing.assert_array_equal(shortened(*disc)[2], disc[2])
 

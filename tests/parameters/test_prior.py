@@ -203,8 +203,9 @@ def test_what_cannot_be_known_is_asked_for(placed, message):
 def test_a_segment_does_not_depend_on_the_axes_of_its_body():
     arm, turn = leg(), se3.exp(np.array([0, 0, 0, 0.6, 0.64, 0.48]), 0.7)
     back, bodies = se3.inverse(turn), list(arm.tree.bodies)
-    bodies = [replace(each, home=back @ each.home) if each.parent == 1 else each for each in bodies]
-    bodies[1] = replace(bodies[1], home=bodies[1].home @ turn, twist=se3.Ad(back) @ bodies[1].twist)
+    for k in (arm.tree.names.index(name) for name in ("thigh_r", "shank_r")):
+        bodies = [replace(each, home=back @ each.home) if each.parent == k else each for each in bodies]
+        bodies[k] = replace(bodies[k], home=bodies[k].home @ turn, twist=se3.Ad(back) @ bodies[k].twist)
     arms = arm, replace(arm, tree=Tree(tuple(bodies)))
     usual, turned = (with_person(each, DUMAS, {"thigh_r": Placed("thigh")}).prior for each in arms)
     np.testing.assert_allclose(turned[10:20], parameter_transform(back) @ usual[10:20], atol=1e-12)
