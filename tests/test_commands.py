@@ -36,7 +36,7 @@ def mechanism(*, actuators=False):
 
 @cache
 def recording(lag=0):
-    time, channels = driven_arm.commanded(seconds=8.0, lag=lag)
+    time, channels = driven_arm.commanded(seconds=6.0, lag=lag)
     return with_servos(ident.Recording(time, channels), {}, mechanism(actuators=True), [])
 
 
@@ -98,7 +98,7 @@ def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     cells = [dict(zip(tables[0].columns, row, strict=True)) for row in tables[0].rows]
     shares = {row["parameter"]: row["std_setup"] / row["std"] for row in cells}
     assert tables[0].marked == {f"Fv({joint})" for joint in driven_arm.JOINTS} and shares["Fv(lift)"] > 3
-    assert not parameters_table(ident.identify(driven_arm.mechanism(), driven_arm.log(seconds=5.0))).footnote
+    assert not parameters_table(driven_arm.quick()).footnote
 
 
 @pytest.mark.parametrize(

@@ -52,14 +52,14 @@ def assert_shown(printed, exact, atol):
 
 
 @pytest.mark.parametrize(
-    ("name", "table", "study"),
+    ("name", "table", "study", "options"),
     [
-        pytest.param("table 3", blocks.table_3, {"name": "misaligned", "seed": 0}, marks=pytest.mark.slow),
-        ("table 4", blocks.table_4, {"name": "multicontact", "contact": "pad"}),
+        ("table 3", blocks.table_3, "misaligned", {"seed": 0}),
+        ("table 4", blocks.table_4, "multicontact", {"contact": "pad"}),
     ],
 )
-def test_tables_are_not_stale(name, table, study):
-    printed, current = cells(block("study.md", name)), table(packaged_study(**study))
+def test_tables_are_not_stale(name, table, study, options):
+    printed, current = cells(block("study.md", name)), table(packaged_study(study, **options))
     fresh = cells(current.markdown())
     assert [row[0] for row in printed] == [row[0] for row in fresh] and printed[0] == fresh[0]
     assert_shown([row[1:] for row in printed[2:15]], [row[1:] for row in current.rows], 0.0051)

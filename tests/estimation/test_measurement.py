@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closeness import close
 from measurements import at, random_inputs, random_measurement
 from mechanisms import JOINTS, SCREWS, moved_states, random_tree, unhat
 from scipy.spatial.transform import Rotation
@@ -18,10 +19,6 @@ from ident.setup import PRIORS
 from ident.tolerances import STRIBECK
 
 SMALL = 1e-4  # Size of rotations whose third order is negligible.
-
-
-def close(own, expected, rtol):
-    np.testing.assert_allclose(own, expected, rtol=0, atol=rtol * abs(expected).max())
 
 
 def parts_of(m, states):

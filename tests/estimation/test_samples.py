@@ -15,7 +15,7 @@ from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, shortene
 from slow_pendulum import recorded
 
 import ident
-from ident.estimation.noise import LEAST, least_noise
+from ident.estimation.noise import LEAST, LEAST_OF_POSES, least_noise
 from ident.estimation.preparation import Part, prepared
 from ident.estimation.samples import arrays_of, even
 from ident.estimation.sources import in_order
@@ -152,11 +152,14 @@ def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
 def test_floors_are_those_of_spread_resolution_and_kind():
     T, noise = np.arange(1000) / 100, np.random.default_rng(0).normal(size=1000)
     flat, coarse, fine = np.full(1000, 3.0), 0.3 * np.round(np.sin(T) / 0.3), 30 * np.sin(T) + noise
-    every = np.stack([flat, fine, coarse, flat, fine], axis=1)
+    """A share of 1e-5 is the noise of a force, whose sensor it shares, but a signal of a finger's torque."""
+    small = 1e-5 * fine
+    every = np.stack([flat, fine, coarse, 0.01 * small, fine, small, small, fine, fine], axis=1)
     every[::7, 2] = np.nan
-    floor = least_noise([every[:600], every[600:]], ("Fx", "Fy", "Fz", "joint1", "joint2"))
+    floor = least_noise([every[:600], every[600:]], ("Fx", "Fy", "Fz", "hip", "knee", "finger", "Mx", "My"))
     of_fine = LEAST * fine.std()
-    np.testing.assert_allclose(floor, [of_fine, of_fine, 0.3 / np.sqrt(12), of_fine, of_fine], rtol=1e-6)
+    expected = [of_fine, of_fine, 0.3 / np.sqrt(12), of_fine, of_fine, LEAST * small.std(), of_fine, of_fine]
+    np.testing.assert_allclose(floor, [*expected, LEAST_OF_POSES * fine.std()], rtol=1e-6)
 
 
 def test_a_joint_at_rest_is_held_where_it_is():

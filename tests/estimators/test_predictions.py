@@ -83,7 +83,7 @@ def test_torques_of_joints_that_rub_are_judged_where_they_move(crept):
 
 @pytest.mark.slow
 def test_each_of_several_logs_is_smoothed_and_judged_by_the_others():
-    logs = [shortened(faulty(seed), 250) for seed in range(3)]
+    logs = [shortened(faulty(seed), 160) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, setup=EXACT)
     held = estimate.held_out
     assert [part.stop - part.start for part in held.left_out] == [len(held.time) // 3] * 3

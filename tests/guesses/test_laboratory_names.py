@@ -104,12 +104,24 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
 
 
-@pytest.mark.parametrize("own", [("position", "torque"), ("actual position", "commanded position"), ("angle", "x")])
-def test_the_only_position_is_that_of_the_only_joint(tmp_path, own):
+@pytest.mark.parametrize(
+    ("own", "size", "command"),
+    [
+        (("position", "torque"), 1, False),
+        (("actual position", "commanded position"), 10, True),
+        (("angle", "x"), 1, False),
+        (("q", "u"), 0.4, False),
+        (("q", "u"), 0.6, True),
+        (("q", "u"), 1.8, True),
+        (("q", "u"), 2.2, False),
+    ],
+)
+def test_the_only_position_is_that_of_the_only_joint_and_what_follows_it_its_command(tmp_path, own, size, command):
+    """Torques are called u as well, but hardly are as large."""
     fixed = ARM.fixed({"pan": [0.0], "elbow": [0.0]})
-    belief = belief_of(tmp_path, {own[0]: Q[:, 1], own[1]: Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3)}, fixed)
+    belief = belief_of(tmp_path, {own[0]: Q[:, 1], own[1]: size * (Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3))}, fixed)
     assert mapped(belief, "position") == {"lift": own[0]}
-    assert mapped(belief, "command") == ({"lift": own[1]} if "command" in own[1] else {})
+    assert mapped(belief, "command") == ({"lift": own[1]} if command else {})
 
 
 ROBOT = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))

@@ -1,6 +1,7 @@
 """Judges of residuals, convergence, set-up, contacts, mass, parts of the data, and of what a model lacks."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ import scenes
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
-from ident.judgement import mass_findings
+from ident.judgement import mass_findings, payload_findings
 from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
@@ -118,6 +119,41 @@ def test_a_gain_of_all_channels_is_one_with_the_mass():
     mass = mass_findings.estimated_mass(estimate)
     assert (mass.value, mass.std, mass.std_setup) == (estimate.psi[0], estimate.std[0], estimate.std_setup[0])
     assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
+
+
+@pytest.fixture
+def of_payload(monkeypatch):
+    """Findings on a payload, without those on the fit."""
+    monkeypatch.setattr(payload_findings, "JUDGES", ())
+    for name in ("force_findings", "consistency_findings"):
+        monkeypatch.setattr(payload_findings, name, lambda evidence: ())
+    return partial(payload_findings.payload_findings, None)
+
+
+@pytest.mark.parametrize(
+    ("mass", "robot", "doubts"),
+    [
+        (19, 20, []),
+        (21, 20, [False]),
+        (210, 20, [True]),
+        (2200, None, []),
+        (2400, None, [True]),
+        (2200, 4000, []),
+        (2400, 4000, [True]),
+    ],
+)
+def test_a_payload_is_hardly_heavier_than_its_robot_and_never_than_any_robot_carries(of_payload, mass, robot, doubts):
+    findings = of_payload(mass, robot, np.ones(10, bool), "wrist")
+    assert [(each.code, each.doubt) for each in findings] == [("payload_mass_unlikely", doubt) for doubt in doubts]
+    assert all(each.values["mass"] == mass and each.values["robot"] == robot for each in findings)
+
+
+def test_a_rough_axis_of_a_payload_is_a_remark_and_only_an_open_mass_a_doubt(of_payload):
+    known, axis = np.arange(10) % 4 > 0, np.array([0, 0, 1.0])
+    for std, rough in ((0.09, []), (0.11, ["payload_axis_rough"])):
+        findings = of_payload(1.0, None, known, "wrist", (axis, std, 0.5))
+        assert [each.code for each in findings] == ["payload_mass_unknown", "payload_inertia_unknown", *rough]
+        assert [each.doubt for each in findings] == [True, False, *(False for _ in rough)]
 
 
 def shorter(share):

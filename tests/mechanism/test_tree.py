@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closeness import close
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
 from scipy.spatial.transform import Rotation
 
@@ -19,10 +20,6 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
 
 BOTH = (base_wrench_regressor, joint_torque_regressor)
-
-
-def close(computed, expected):
-    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-11 * max(1, abs(expected).max(initial=0)))
 
 
 def test_table_2_is_a_double_pendulum():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from closeness import close
 from mechanisms import random_states, random_tree
 
 from ident.estimation.accumulator import accumulate
@@ -32,10 +33,6 @@ def both(function):
         return function(), plain
 
 
-def close(fast, plain, rtol=1e-13):
-    np.testing.assert_allclose(fast, plain, rtol=0, atol=rtol * np.max(abs(plain), initial=1e-300))
-
-
 @pytest.mark.parametrize(("seed", "samples"), [(0, 7), (1, BLOCK), (2, BLOCK + 1)])
 def test_regressors_of_random_trees_are_those_of_numpy(seed, samples):
     rng = np.random.default_rng(seed)
@@ -44,7 +41,7 @@ def test_regressors_of_random_trees_are_those_of_numpy(seed, samples):
     moving = BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))
     for of in (regressor.base_wrench_regressor, regressor.joint_torque_regressor):
         for base in (None, moving):
-            close(*both(lambda of=of, base=base: of(tree, *states, gravity=gravity, base=base)))
+            close(*both(lambda of=of, base=base: of(tree, *states, gravity=gravity, base=base)), 1e-13)
 
 
 @pytest.mark.parametrize("weighted", [False, True])

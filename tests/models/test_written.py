@@ -16,9 +16,11 @@ from test_model_update import MJCF
 from test_urdf import ARM
 from test_urdf_files import CORNERS
 
+from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.mechanism.drives import Actuator, Drive
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters
+from sim.models.inertials import DIGITS, is_physical, shortened
 from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 from sim.models.xml_files import ModelFile, restated, set_comment
@@ -257,6 +259,27 @@ def test_elements_change_in_their_places(before, change, after):
     assert file.changed().decode() == before
     change(file.root)
     assert file.changed().decode() == (after or before.replace("<a/>", "<a><!-- new: 2 --></a>"))
+
+
+def test_short_numbers_are_those_of_a_body_or_the_ones_that_were():
+    """Rounded, the moments of a thin disc would be those of no body."""
+    rng = np.random.default_rng(0)
+    for phi in random_phi(rng, 20).reshape(-1, 10):
+        for exact, short in zip(com_from_parameters(phi), shortened(*com_from_parameters(phi)), strict=True):
+            size = np.max(np.abs(exact))
+            assert 0 < np.max(abs(short - exact)) / size < 0.5 * 10.0 ** (1 - DIGITS)
+    point = shortened(0.12345678, np.zeros(3), np.zeros((3, 3)))
+    assert point[0] == 0.123457 and not point[1].any() and not point[2].any()
+    assert not np.signbit(shortened(1.0, np.array([-1e-9, 0, 0.5]), np.eye(3))[1]).any()
+    disc = 1.0, np.zeros(3), np.diag([1.000004, 1.000004, 2.000008])
+    np.testing.assert_array_equal(shortened(*disc)[2], disc[2])
+
+
+def test_rods_and_points_are_bodies_and_what_has_no_mass_or_too_large_a_moment_is_none():
+    for moments in ([0.1, 0.1, 0], [0, 0, 0]):
+        phi = parameters_from_com(2.0, [0.1, 0, 0.3], np.diag(moments))
+        assert is_physical(phi) and not is_physical(-phi) and not is_physical(0 * phi)
+    assert not is_physical(parameters_from_com(2.0, [0.1, 0, 0.3], np.diag([0.1, 0.1, 0.2001])))
 
 
 def test_numbers_are_restated_where_they_differ_by_more_than_rounding():

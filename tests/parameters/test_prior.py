@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import driven_arm
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -14,12 +15,17 @@ from ident.geometry.inertia import com_from_parameters, parameter_transform, par
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.parameters.anthropometry import SEXES, TABLES, segments
 from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.parameters.person_prior import Person, Placed, with_person
 from ident.parameters.prior import (
+    DRIVE_KNOWN,
     KNOWN,
+    OPEN,
+    UNKNOWN,
     body_covariance,
     conditioned,
+    drive_precision,
     known_covariance,
     known_covariances,
     parameters_identified,
@@ -87,6 +93,20 @@ def test_the_variances_that_bayes_rule_leaves():
     assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10
 
 
+def test_drives_are_known_as_the_model_states_them_and_others_not_at_all():
+    """As columns of their own, and as parts of base parameters."""
+    arm, names = driven_arm.mechanism(), ("Ia(turn)", "Fv(lift)", "K(bend)")
+    np.testing.assert_allclose(drive_precision(arm, names, {"lift"}), [(DRIVE_KNOWN * 0.2) ** -2, 0, 0])
+    base, own = find_base_parameters(arm), np.random.default_rng(0).normal(size=20)
+    before = known_covariance(arm, base)
+    total, own = np.trace(before), own[: base.rank]
+    for name, variance in (("Ia(turn)", (DRIVE_KNOWN * 0.2) ** 2 * own @ own), ("K(bend)", UNKNOWN**2 * total)):
+        added = known_covariance(arm, base, absorbed={name: own}) - before
+        np.testing.assert_allclose(added, variance * np.outer(own, own) / (own @ own), rtol=1e-5, atol=1e-9 * variance)
+    at_rest = known_covariance(arm, base, absorbed={"Ia(turn)": 0 * own})
+    np.testing.assert_array_equal(at_rest, before)
+
+
 GRAVITY, HINGE = np.array([0, -9.81, 0]), np.eye(6)[5]
 
 
@@ -120,6 +140,48 @@ def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centr
     np.testing.assert_allclose(arm.prior[11:14] / arm.prior[10], 0.79 * length * np.array([0.6, -0.8, 0]), rtol=1e-12)
 
 
+def test_a_body_that_no_model_states_may_lie_as_far_off_as_it_is_large():
+    """Between joints 0.4 m apart a ball of that diameter is the guess."""
+    bodies = (Body("open", BASE, np.eye(4), HINGE, "a"), Body("arm", 0, at(0.24, 0.32), HINGE, "b"))
+    prior = np.zeros((2, 10))
+    prior[1] = parameters_from_com(2.0, [0.1, 0, 0], 0.01 * np.eye(3))
+    opened = known_covariances(Mechanism(Tree(bodies), GRAVITY, prior.ravel()))[0]
+    mean_square = 0.3 * 0.4**2 + 2 * 0.2**2
+    assert opened[0, 0] == pytest.approx(2**2 * (OPEN**2 + 1))
+    assert opened[3, 3] == pytest.approx(2**2 * (OPEN**2 + 1) * mean_square)
+
+
+OF_TRUNK = {
+    "winter": ("head_and_trunk",),
+    "deleva": ("head", "upper_trunk", "middle_trunk", "lower_trunk"),
+    "dumas": ("head", "torso", "pelvis"),
+}
+OF_LIMBS = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_segments_make_up_a_person_and_are_much_alike_for_both_sexes(table):
+    women, men = (segments(table, sex) for sex in SEXES)
+    for person in (women, men):
+        mass = {name: segment.mass for name, segment in person.items()}
+        whole = sum(mass[name] for name in OF_TRUNK[table]) + 2 * sum(mass[name] for name in OF_LIMBS)
+        assert whole == pytest.approx(1, abs=0.003)
+    for name, hers in women.items():
+        his = men[name]
+        for one, other in ((hers, his), (his, hers)):
+            assert max(one.mass / other.mass, one.center / other.center, one.across / other.across) < 1.45
+            assert one.along < 1.45 * other.along and one.along < np.sqrt(2) * one.across
+
+
+def test_winters_radii_about_the_centre_are_those_about_the_proximal_end():
+    """His table has both; those of the whole leg differ by 0.007."""
+    about_proximal = {"head_and_trunk": 0.830, "hat": 0.798, "upper_arm": 0.542, "forearm": 0.526, "hand": 0.587}
+    about_proximal |= {"forearm_and_hand": 0.827, "arm": 0.645, "thigh": 0.540, "shank": 0.528, "foot": 0.690}
+    about_proximal |= {"leg": 0.560, "shank_and_foot": 0.735}
+    own = {name: np.hypot(each.center, each.across) for name, each in segments("winter", "male").items()}
+    assert own == pytest.approx(about_proximal, abs=0.008)
+
+
 DUMAS = Person("dumas", 80, 1.8, "male")
 
 
@@ -141,11 +203,13 @@ def test_what_cannot_be_known_is_asked_for(placed, message):
 def test_a_segment_does_not_depend_on_the_axes_of_its_body():
     arm, turn = leg(), se3.exp(np.array([0, 0, 0, 0.6, 0.64, 0.48]), 0.7)
     back, bodies = se3.inverse(turn), list(arm.tree.bodies)
-    bodies = [replace(each, home=back @ each.home) if each.parent == 1 else each for each in bodies]
-    bodies[1] = replace(bodies[1], home=bodies[1].home @ turn, twist=se3.Ad(back) @ bodies[1].twist)
+    for k in (arm.tree.names.index(name) for name in ("thigh_r", "shank_r")):
+        bodies = [replace(each, home=back @ each.home) if each.parent == k else each for each in bodies]
+        bodies[k] = replace(bodies[k], home=bodies[k].home @ turn, twist=se3.Ad(back) @ bodies[k].twist)
     arms = arm, replace(arm, tree=Tree(tuple(bodies)))
     usual, turned = (with_person(each, DUMAS, {"thigh_r": Placed("thigh")}).prior for each in arms)
     np.testing.assert_allclose(turned[10:20], parameter_transform(back) @ usual[10:20], atol=1e-12)
+    np.testing.assert_allclose(usual[10:14], 0.123 * 80 * np.array([1, 0, 0.429 * -0.4, 0]), atol=1e-4)
 
 
 def test_what_is_known_of_base_parameters_has_these_widths():

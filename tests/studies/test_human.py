@@ -23,20 +23,8 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys, monkeypatch):
     """With the estimate of the person without a rail in place of both."""
     monkeypatch.setattr(person_on_plates, "study", lambda *_, **__: persons.briefly())
     out = tmp_path / "person"
-    small = [
-        "--seconds",
-        "2",
-        "--rate",
-        "50",
-        "--noise",
-        "0.2",
-        "--workers",
-        "1",
-        "--activities",
-        "squats",
-        "arm swings",
-    ]
-    assert main([*small, "--out", str(out)]) == 0
+    small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
+    assert main([*small, "--workers", "1", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "trajectory estimate" in printed and "recording_2_arm_swings.npz" in printed
     assert f'ident.Recording.load("{out / "recording_1_squats.npz"}")' in " ".join(printed.split())

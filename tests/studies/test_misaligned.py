@@ -178,7 +178,7 @@ def test_tilts_are_found_within_their_intervals(results, study):
 
 def test_tilts_that_explain_nothing_alone_are_found_together():
     """With little noise neither axis turns much about z while the other one does not."""
-    study = packaged_study("misaligned", noise_scale=0.03)
+    study = packaged_study("misaligned", noise_scale=0.03, samples=500)
     assert study.axis_error(study.estimated_axes("searched")).max() < np.radians(0.02)
     searched = study.trajectory("searched")
     assert (abs(searched.error) < 3 * searched.std).all()

@@ -46,7 +46,7 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path):
 
 @pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
-    source = draw(tmp_path, "--redraw", "sensors")
+    source = draw(tmp_path, "--redraw", "sensors", samples="100")
     whole = run(source, 24, tmp_path, file="whole.npz")
     (fatal,) = source.recordings([15])
     mortal = Mortal(fatal["ground_force"][0, 0], tmp_path / "died")

@@ -68,8 +68,7 @@ def test_noise_is_as_large_as_it_is_said_to_be():
 
 
 @pytest.mark.parametrize(
-    ("skin", "z", "noise", "off"),
-    [(0.0, (0.9, 1.1), (0.0019, 0.0021), 0.005), (0.004, (0, 1.3), (0.004, 1), 0.03)],
+    ("skin", "z", "noise", "off"), [(0.0, (0.9, 1.1), (0.0019, 0.0021), 0.005), (0.004, (0, 1.3), (0.004, 1), 0.03)]
 )
 def test_angles_from_markers_are_as_good_as_they_are_said_to_be(skin, z, noise, off):
     """For white noise of the markers; moving skin makes angles worse, and increases their stated noise."""

@@ -112,7 +112,7 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     """Six trials, one of them with everything a quarter heavier."""
-    trials = [shortened(faulty(seed), 250) for seed in range(6)]
+    trials = [shortened(faulty(seed), 160) for seed in range(6)]
     heavier = trials[3].measured | {"ground_force": 1.25 * trials[3]["ground_force"]}
     trials[3] = replace(trials[3], measured=heavier)
     keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg", "centre")

@@ -79,7 +79,8 @@ def test_significance_is_that_of_the_noise_that_is_really_there(size, count):
     assert search_of([size], 0.05)[0] == [0]
 
 
-def test_an_error_beyond_what_is_stated_has_a_wider_prior():
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_error_beyond_what_is_stated_has_a_wider_prior(sign):
     """Unless it is within what is stated."""
     information, none = np.diag([1.0, 4.0]) / 0.01**2, np.zeros(2, bool)
 
@@ -98,10 +99,10 @@ def test_an_error_beyond_what_is_stated_has_a_wider_prior():
         first = fit_of(np.zeros(2), none, Prior(np.zeros(2), np.eye(2) / 0.001**2))
         return searched(Search(first), refit, ~none, {}, gross=np.array([0.1, 0.0]))
 
-    far = search_of_two(0.101)
-    assert [each.gross for each in far.deviations] == [True] and abs(far.fit.theta[0] - 0.1) < 0.03
+    far = search_of_two(sign * 0.101)
+    assert [each.gross for each in far.deviations] == [True] and abs(far.fit.theta[0] - sign * 0.1) < 0.03
     assert not far.incredible and 0.009 < np.sqrt(far.fit.covariance[0, 0]) < 0.0101
-    assert not search_of_two(0.004).deviations
+    assert not search_of_two(sign * 0.004).deviations
 
 
 @pytest.mark.parametrize(("shares", "found"), [((1, -1, 1), [0, 1, 2]), ((1, 1, 1), [])])

@@ -32,11 +32,11 @@ def test_friction_and_offsets_that_differ_are_each_logs_own():
     """Of two logs with more and with less, the mean predicts a third one to its noise."""
     friction, logs = np.array(driven_arm.TRUE["frictionloss"]), []
     for seed, share, offset in ((0, 0.6, -0.15), (1, 1.4, 0.15)):
-        log, (_, _, rate, _) = driven_arm.log(seed=seed), driven_arm.motion(np.random.default_rng(seed))
+        log, (_, _, rate, _) = driven_arm.log(7.0, seed=seed), driven_arm.motion(np.random.default_rng(seed), 7.0)
         more = (share - 1) * friction * np.tanh(rate / 0.003) + offset
         torques = {f"{j}_torque": log.measured[f"{j}_torque"] + x for j, x in zip(JOINTS, more.T, strict=True)}
         logs.append(replace(log, measured={**log.measured, **torques}))
-    estimate = ident.identify(driven_arm.mechanism(), logs, held_out=driven_arm.log(seed=2))
+    estimate = ident.identify(driven_arm.mechanism(), logs, held_out=driven_arm.log(7.0, seed=2))
     first, other, mean = (estimate.trajectory.parameters_of(k) for k in (0, 1, None))
     coulomb, offsets = ([estimate.fit.names.index(f"{kind}({joint})") for joint in JOINTS] for kind in ("Fc", "offset"))
     np.testing.assert_allclose(first[coulomb], 0.6 * friction, rtol=0.03)
@@ -66,7 +66,7 @@ def test_every_recording_has_noise_of_its_own():
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_knots_are_as_dense_as_each_recording_needs(order):
     """A motion four times as fast needs knots about four times as dense."""
-    logs = [driven_arm.log(6.0, pace=pace) for pace in (1.0, 4.0)]
+    logs = [driven_arm.log(4.0, pace=pace) for pace in (1.0, 4.0)]
     steps = ident.identify(driven_arm.mechanism(), [logs[k] for k in order]).trajectory.steps
     slow, fast = (steps[k] for k in np.argsort(order))
     assert 2.5 * fast < slow

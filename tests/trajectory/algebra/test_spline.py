@@ -35,6 +35,16 @@ def test_values_and_penalty_are_those_of_b_splines(seed):
     np.testing.assert_allclose(np.einsum("skj,kl,slj->j", windows, spline.penalty, windows), jerk, rtol=1e-4)
 
 
+def test_cubics_are_the_same_in_another_space():
+    time, cubic = np.linspace(0.1, 1.4, 30), np.array([2.0, -1.0, 0.5, 3.0])
+    own, other = Spline.over(0.0, 1.5, 0.25), Spline.over(0.1, 1.4, 0.07)
+    middles = own.start + (np.arange(own.size) - 2) * own.step
+    coefficients = np.polyval(cubic, middles) - own.step**2 / 4 * np.polyval(np.polyder(cubic, 2), middles)
+    refined = other.evaluate(own.refined(coefficients[:, None], other), time)[:3, :, 0]
+    for derivative, x in enumerate(refined):
+        np.testing.assert_allclose(x, np.polyval(np.polyder(cubic, derivative), time), rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("intervals", [1, 2, 40])
 def test_rows_of_the_penalty_are_as_many_as_its_rank(intervals):
     """As many rows as functions, less the polynomials that are not penalised: products take a third of the time."""

@@ -5,6 +5,7 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
+from closeness import close
 from measurements import at, random_measurement, random_point
 
 from ident.estimation.measurement import Measurement
@@ -111,10 +112,6 @@ def problem(seed, outliers=0.0):
     return Problem(m, point._replace(piece=piece))
 
 
-def close(own, expected, rtol=1e-5):
-    np.testing.assert_allclose(own, expected, rtol=rtol, atol=rtol * np.abs(expected).max(initial=0))
-
-
 both = pytest.mark.parametrize("seed", range(2))
 
 
@@ -125,30 +122,30 @@ def test_normal_equations_are_the_dense_ones_along_the_trajectories_of_least_mis
     A, B, D = by_c.T @ by_c + own.penalty[0], by_c.T @ by_theta, by_theta.T @ by_theta
     right, found = by_c.T @ z - own.penalty[0] @ own.c, own.eliminated
     W, step = np.linalg.solve(A, B), np.linalg.solve(A, right)
-    close(found.step, step)
-    close(found.by_theta, W)
+    close(found.step, step, 1e-5)
+    close(found.by_theta, W, 1e-5)
     # Misfit alone as θ moves, with the trajectory that minimises misfit and penalty: residuals and their derivatives.
     G = by_theta - by_c @ W
-    close(found.precision, G.T @ G)
-    close(found.gradient, G.T @ (z - by_c @ step))
-    close(found.precision + found.bend, D - B.T @ W)
-    close(found.gradient + found.pull, by_theta.T @ z - W.T @ right)
+    close(found.precision, G.T @ G, 1e-5)
+    close(found.gradient, G.T @ (z - by_c @ step), 1e-5)
+    close(found.precision + found.bend, D - B.T @ W, 1e-5)
+    close(found.gradient + found.pull, by_theta.T @ z - W.T @ right, 1e-5)
 
 
 @both
 def test_sums_are_those_of_innovations_and_halves(seed):
     own = problem(seed)
     n, counts, numbers = own.at.coefficients.shape[1], [], []
-    close(own.misfit.squares, (own.innovations(own.c, own.at.theta) ** 2).sum(axis=2))
+    close(own.misfit.squares, (own.innovations(own.c, own.at.theta) ** 2).sum(axis=2), 1e-5)
     for values, when, _, rho in own.residuals(own.c, own.at.theta):
         linked = np.isfinite(values[1:] + values[:-1]) & ~own.apart(when)[:, None]
         numbers.append(linked.sum(axis=0) * np.stack([1 - rho, 1 + rho]) / 2)
         counts.append(np.isfinite(values).sum(axis=0))
-    close(own.misfit.number[1:], np.concatenate(numbers, axis=1))
+    close(own.misfit.number[1:], np.concatenate(numbers, axis=1), 1e-5)
     np.testing.assert_array_equal(own.misfit.number[0], np.concatenate(counts))
     assert own.apart(own.at.piece.time).any()
     for j in range(n):
-        close(own.misfit.bends[j], own.c @ (own.penalty[1] * (np.arange(len(own.c)) % n == j)) @ own.c)
+        close(own.misfit.bends[j], own.c @ (own.penalty[1] * (np.arange(len(own.c)) % n == j)) @ own.c, 1e-5)
     assert (own.misfit.rank == own.at.piece.spline.size - ORDER).all()
 
 
