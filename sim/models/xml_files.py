@@ -4,10 +4,10 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from html import escape
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
-from xml.sax.saxutils import escape
 
 from ident.errors import InputError, ModelError, not_installed
 
@@ -235,7 +235,7 @@ class ModelFile:
         return b"".join(parts)
 
     def _encoded(self, text: str) -> bytes:
-        return escape(text, {'"': "&quot;"}).encode(self._encoding, "xmlcharrefreplace")
+        return escape(text, quote=False).replace('"', "&quot;").encode(self._encoding, "xmlcharrefreplace")
 
 
 def set_comment(element: ET.Element, begin: str, text: str) -> None:
