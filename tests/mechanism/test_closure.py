@@ -15,7 +15,6 @@ from ident.mechanism.motion import Motion
 from ident.model.adjoint import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.structure import Sensors
-from ident.setup import PRIORS
 from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
@@ -191,7 +190,7 @@ def test_a_parallel_gripper_is_weighed_from_a_wrist():
     q = np.hstack([x[0] for x in own.values()])
     log = {"time": t} | by_joint(own, position=q + 2e-4 * rng.normal(size=q.shape))
     log |= dict(zip(WRENCH, wrench.T, strict=True))
-    estimate = ident.identify(part, ident.read_log(log, arm), setup=dict.fromkeys(PRIORS, 0.0))
+    estimate = ident.identify(part, ident.read_log(log, arm))
     assert_identified(estimate, phi.ravel())
     assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
 

@@ -10,7 +10,6 @@ import pytest
 from mechanisms import by_joint
 
 import ident
-from ident.setup import PRIORS
 from ident.trajectory.fit import noise_colours, sandwich
 from ident.trajectory.fit.repeats import RepeatedMotion, lateness, period, repetition, trials
 from ident.trajectory.fit.sandwich import with_scatter
@@ -191,7 +190,7 @@ def estimated(periods, size, known=False, heavier=1.0, logs=1, own=()):
         channels = by_joint(arm.JOINTS, torque=torque + 0.02 * noise[0], position=states[0] + 1e-4 * noise[1])
         recordings.append(ident.Recording(t, channels))
     model = replace(arm.mechanism(), prior=heavier * arm.mechanism().prior)
-    return ident.identify(model, recordings, known=known, holdout=0, own=own, setup=dict.fromkeys(PRIORS, 0.0))
+    return ident.identify(model, recordings, known=known, holdout=0, own=own)
 
 
 def std_of(fit):
