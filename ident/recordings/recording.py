@@ -233,7 +233,9 @@ class Recording(Brief):
         """
         out = self.torques(tree.joints)
         commanded = {tree.freedoms.index(joint): joint for joint in tree.joints if joint in self.servos}
-        if commanded and out is None:
+        if out is None:
+            if not commanded:
+                return None
             out = np.full((len(self.time), len(tree.freedoms)), np.nan)
         for k, joint in commanded.items():
             command = self[f"{joint}_command"]
@@ -242,7 +244,7 @@ class Recording(Brief):
             acting = (command + np.append(command[:1], command[:-1])) / 2
             acting[1:-1] -= np.diff(acting, 2) / 12
             out[:, k] = self.servos[joint].kp * acting
-        out = out if out is None or cutoff is None else low_pass(out, self.rate, cutoff)
+        out = out if cutoff is None else low_pass(out, self.rate, cutoff)
         for k, joint in commanded.items():
             servo = self.servos[joint]
             out[:, k] -= servo.kp * tree.freedom_coordinates(motion.q)[:, k] + servo.kv * motion.dq[:, k]
