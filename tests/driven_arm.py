@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from mechanisms import by_joint, sines
 from random_models import inverse_dynamics
+from scipy.linalg import expm
 
 import ident
 import sim
@@ -39,6 +40,16 @@ def text(*, more="", **drives):
       <body name="fore" pos="0.4 0 0"><joint name="bend" axis="0 1 0" {attributes[2]}/>
       <inertial mass="1.5" pos="0.15 0.01 0" diaginertia="0.003 0.02 0.02"/></body></body></body></worldbody>
       {more}</mujoco>"""
+
+
+def of_one_joint(inertia, servo, commands, step):
+    """Angles (N,) of a joint whose servo holds each command (N,) for a step, s, exactly."""
+    after = expm(step * np.array([[0.0, 1.0], [-servo.kp / inertia, -servo.kv / inertia]]))
+    state, angles = np.array([commands[0], 0.0]), []
+    for command in commands:
+        angles.append(state[0])
+        state = [command, 0] + after @ (state - [command, 0])
+    return np.array(angles)
 
 
 NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states none.

@@ -62,14 +62,21 @@ def test_gains_are_read_from_the_mapping_or_else_from_the_model_s_actuators(tmp_
     assert any("Commands of turn, bend are not used" in note for note in some.notes)
 
 
-def test_torques_follow_from_commands():
-    log, arm = recording(), mechanism()
-    q = log.of_joints(arm.tree.joints, "position")
-    motion = ident.Motion(q, np.gradient(q, log.time, axis=0), 0 * q)
-    held = (log["lift_command"][1:] + log["lift_command"][:-1]) / 2
-    expected = 80.0 * (held - q[1:, 1]) - 5.0 * motion.dq[1:, 1]
-    np.testing.assert_allclose(log.torques_at(arm.tree, motion)[1:, 1], expected)
-    assert log.torques(arm.tree.joints) is None
+@pytest.mark.parametrize(("noise", "off"), [(0.0, 2e-4), (1e-4, 5e-3)])
+def test_least_squares_of_held_commands_have_the_inertia(noise, off):
+    """As commands do not read within samples, it was kp T²/12 too large, and a quarter too small with noise."""
+    rng, inertia, servo, time = np.random.default_rng(0), 0.28, Servo(700.0, 28.0), 0.005 * np.arange(4000)
+    u = sum(0.4 * f * np.sin(2 * np.pi * f * time) for f in (0.31, 0.52, 0.78))
+    q = driven_arm.of_one_joint(inertia, servo, u, 0.005)
+    channels = {"hip_position": q + noise * rng.normal(size=q.size), "hip_command": u}
+    one = f"""<mujoco><worldbody><body><joint name="hip" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody></mujoco>"""
+    log = ident.Recording(time, channels, servos={"hip": servo})
+    assert log.torques(("hip",)) is None
+    arm = sim.mechanism(mujoco.MjSpec.from_string(one))
+    for estimator in ("ordinary", "weighted"):
+        estimate = ident.identify(arm, log, estimator=estimator, cutoff="auto", known=False, drive=["viscous"])
+        assert estimate.psi == pytest.approx([inertia], rel=off)
 
 
 def test_links_drives_and_the_lag_of_commands_are_identified():

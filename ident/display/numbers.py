@@ -46,7 +46,7 @@ def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: V
         "setup": [each.to_dict() for each in evidence.setup],
         "friction": evidence.friction,
         "weights": _weights(evidence.trajectory),
-        "halves": {"rms_z": evidence.disagreement, "widening": evidence.widening},
+        "halves": {"rms_z": evidence.disagreement, "widening": evidence.widening, "widened": evidence.widened},
         "logs": {"rms_z": list(evidence.disagreements)},
         "intervals": {name: _limits(full.rows, name) for name in full.bodies},
         "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},

@@ -188,8 +188,7 @@ def prepared(
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     constant |= _constant_together(recording, wrench)
     wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
-    torques = recording.torques_at(tree, motion)
-    torques = torques if torques is None or cutoff is None else low_pass(torques, recording.rate, cutoff)
+    torques = recording.torques_at(tree, motion, cutoff)
     every = dict(zip(COMPONENTS, wrench.T, strict=True))
     every |= {} if torques is None else dict(zip(tree.freedoms, torques.T, strict=True))
     measured = {name: x for name, x in every.items() if np.isfinite(x).all()}
@@ -414,8 +413,11 @@ def filtered(prepared: Prepared, cutoff: float | None) -> tuple[Samples, np.ndar
     """Samples low-passed at a cut-off, Hz, and their unfiltered channels (N, C); with prepared states for None."""
     mechanism, recording = prepared.mechanism, prepared.recording
     motion = prepared.samples.motion if cutoff is None else recorded_motion(mechanism, recording, cutoff)
-    _, raw = _wrench(mechanism.tree, recording, motion, None, [])
-    raw = raw[:, np.isfinite(prepared.wrench).all(axis=0)]
-    if (torques := recording.torques_at(mechanism.tree, motion)) is not None:
-        raw = np.hstack([raw, torques[:, list(prepared.equations.torques)]])
-    return Samples(motion, raw if cutoff is None else low_pass(raw, recording.rate, cutoff)), raw
+
+    def channels(cutoff: float | None) -> np.ndarray:
+        wrench = _wrench(mechanism.tree, recording, motion, cutoff, [])[1][:, np.isfinite(prepared.wrench).all(axis=0)]
+        torques = recording.torques_at(mechanism.tree, motion, cutoff)
+        return wrench if torques is None else np.hstack([wrench, torques[:, list(prepared.equations.torques)]])
+
+    raw = channels(None)
+    return Samples(motion, raw if cutoff is None else channels(cutoff)), raw

@@ -62,6 +62,7 @@ def trajectory(problem: Problem) -> Estimate:
     wider = widening(rms)
     predictions = Predictions(problem, result)
     first = predictions.logs[0].equations(result)
+    factors = widenings(halves, wider, len(first.names))
     values = [result.fit.theta]
     if problem.leaves_out:
         values = [without(result, k) for k in range(len(problem.fitted))]
@@ -71,7 +72,7 @@ def trajectory(problem: Problem) -> Estimate:
         part.of(log.corrected(result, usual, part.samples))
         for log, part in zip(predictions.logs, problem.fitted, strict=True)
     ]
-    fit = as_fit(result, joined([part.used for part in logs]), first, widenings(halves, wider, len(first.names)))
+    fit = as_fit(result, joined([part.used for part in logs]), first, factors)
     filtered = _least_squares(problem, with_offsets, result)
     others = {
         LEAST_SQUARES: Candidate(with_offsets, filtered.values),
@@ -93,6 +94,7 @@ def trajectory(problem: Problem) -> Estimate:
         disagreement=rms,
         disagreements=disagreements(result),
         widening=wider,
+        widened={name: by for name, by in zip(first.names, factors.tolist(), strict=True) if by > wider},
         bounded=result.bounds,
         unmodelled=predictions.unmodelled(usual) if asked else (),
         undetermined=undetermined(equations, samples) if any(part.log.resting for part in problem.fitted) else (),

@@ -57,6 +57,7 @@ class Evidence:
         disagreement: Root mean square z of the differences between two halves, None without two.
         disagreements: Root mean square z of each recording's parameters against the others', for three or more.
         widening: Factor on the standard deviations from the noise because of that.
+        widened: Larger factors of base parameters whose own halves differ beyond chance, by name.
         bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
             the drive free.
         unmodelled: What the model may lack, the likeliest first.
@@ -72,6 +73,7 @@ class Evidence:
     disagreement: float | None = None
     disagreements: tuple[float, ...] = ()
     widening: float = 1.0
+    widened: Mapping[str, float] = field(default_factory=dict)
     filtered_at: float | None = None
     filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -43,6 +43,8 @@ def halves_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on halves and logs that disagree."""
     if evidence.disagreement is not None and evidence.disagreement > DISAGREE:
         yield Finding.of("halves_disagree", rms_z=evidence.disagreement)
+    if evidence.widened:
+        yield Finding.of("parameter_widened", factors=dict(evidence.widened))
     if apart := {log: z for log, z in enumerate(evidence.disagreements, start=1) if z > DISAGREE}:
         best = tuple(log for log in apart if evidence.in_logs and _predicted(evidence, log - 1))
         far = any(z > FAR_APART and log not in best for log, z in apart.items())

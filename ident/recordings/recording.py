@@ -22,6 +22,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import times
+from ident.recordings.smoothing import low_pass
 from ident.recordings.stated import Servo, Tracker, load, save
 from ident.recordings.times import STREAMS, Sampled, interpolated, interpolated_poses, uniform_times
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
@@ -223,23 +224,31 @@ class Recording(Brief):
         samples = len(self.time)
         return np.hstack([np.empty((samples, 0)), *(self[f"{j}_{kind}"].reshape(samples, -1) for j in joints)])
 
-    def torques_at(self, tree: Tree, motion: Motion) -> np.ndarray | None:
+    def torques_at(self, tree: Tree, motion: Motion, cutoff: float | None = None) -> np.ndarray | None:
         """Torques of a tree's joints, measured or of servos, NaN for joints without (N, n); None if no joint has any.
 
         Args:
             tree: The mechanism's tree.
             motion: Its motion, at which servos of commanded joints act (N samples).
+            cutoff: Frequency at which the motion was low-passed, as torques and commands are, Hz; None for no filter.
         """
         out = self.torques(tree.joints)
-        if commanded := [joint for joint in tree.joints if joint in self.servos]:
-            out = np.full((len(self.time), len(tree.freedoms)), np.nan) if out is None else out
-            coordinates = tree.freedom_coordinates(motion.q)
-            for joint in commanded:
-                servo, k = self.servos[joint], tree.freedoms.index(joint)
-                command = self[f"{joint}_command"]
-                # Before a sample the command of the one before acts, after it the sample's own.
-                acting = (command + np.append(command[:1], command[:-1])) / 2
-                out[:, k] = servo.kp * (acting - coordinates[:, k]) - servo.kv * motion.dq[:, k]
+        commanded = {tree.freedoms.index(joint): joint for joint in tree.joints if joint in self.servos}
+        if out is None:
+            if not commanded:
+                return None
+            out = np.full((len(self.time), len(tree.freedoms)), np.nan)
+        for k, joint in commanded.items():
+            command = self[f"{joint}_command"]
+            # Before a sample the command of the one before acts, after it the sample's own; within samples, angles
+            # whose acceleration jumps are off what passes through the samples.
+            acting = (command + np.append(command[:1], command[:-1])) / 2
+            acting[1:-1] -= np.diff(acting, 2) / 12
+            out[:, k] = self.servos[joint].kp * acting
+        out = out if cutoff is None else low_pass(out, self.rate, cutoff)
+        for k, joint in commanded.items():
+            servo = self.servos[joint]
+            out[:, k] -= servo.kp * tree.freedom_coordinates(motion.q)[:, k] + servo.kv * motion.dq[:, k]
         return out
 
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:

@@ -143,6 +143,7 @@ EXAMPLES = {
     "not_converged": [{"status": status, "rounds": 2} for status in ("interrupted", "stuck", "stopped")]
     + [{"status": "interrupted", "rounds": 1}],
     "halves_disagree": [{"rms_z": 2.3}],
+    "parameter_widened": [{"factors": {"m1ry1": 9.7}}],
     "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0), "best": best} for best in ((), (4,), (1, 4))],
     "own_in_logs": [{"values": {"Fc(hip)": (0.3, 0.45), "offset(hip)": (0.0, -0.12)}}],
     "motion_repeats": [{"periods": (6.48,)}, {"periods": (6.48, 5.0)}],

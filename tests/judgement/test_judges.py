@@ -247,9 +247,10 @@ def test_what_adds_nothing_does_not_differ_by_rounding():
     assert differences(result) is None
 
 
-def disagreeing(between=(), halves=None, logs=()):
-    """Findings on the disagreement of recordings, of halves, and on ratios in each log."""
-    result = SimpleNamespace(disagreement=halves, disagreements=between, in_logs=logs, channels=("Fx", "Fy"))
+def disagreeing(between=(), halves=None, logs=(), widened=None):
+    """Findings on the disagreement of recordings, of halves, of own parameters, and on ratios in each log."""
+    of_logs = {"disagreements": between, "in_logs": logs, "channels": ("Fx", "Fy")}
+    result = SimpleNamespace(disagreement=halves, widened=widened, **of_logs)
     return [(each.code, each.doubt, each.values) for each in halves_findings(result)]
 
 
@@ -258,6 +259,9 @@ def test_recordings_and_halves_disagree_from_two_deviations_and_recordings_are_a
         values = {"logs": (2,), "rms_z": (z,), "best": ()}
         assert disagreeing((0.5, z, 0.7)) == [("logs_disagree", doubt, values)]
     assert disagreeing(halves=2.3) == [("halves_disagree", False, {"rms_z": 2.3})]
+    assert disagreeing(halves=1.9, widened={"m1ry1": 9.7}) == [
+        ("parameter_widened", False, {"factors": {"m1ry1": 9.7}})
+    ]
     assert not disagreeing((0.5, 1.8, 0.7)) and not disagreeing(halves=1.9)
 
 

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driven_arm import of_one_joint
 from recorded_faults import PENDULUM, faulty, shortened
-from scipy.linalg import expm
 from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
 
 import ident
@@ -130,17 +130,14 @@ def test_held_commands_beside_a_wrench_are_the_torque_of_the_inertia():
     """Of a joint whose commands have a constant acceleration, held for a sample each, in the steady state."""
     inertia, servo, wanted, step = 0.28, Servo(700.0, 28.0), 2.0, 0.005
     time = step * np.arange(400)
-    u, state = wanted * time**2 / 2, np.zeros(2)
-    after, q = expm(step * np.array([[0.0, 1.0], [-servo.kp / inertia, -servo.kv / inertia]])), []
-    for each in u:
-        q.append(state[0])
-        state = [each, 0] + after @ (state - [each, 0])
-    log = ident.Recording(time, {"hip_position": np.array(q), "hip_command": u}, servos={"hip": servo})
+    u = wanted * time**2 / 2
+    q = of_one_joint(inertia, servo, u, step)
+    log = ident.Recording(time, {"hip_position": q, "hip_command": u}, servos={"hip": servo})
     tree = SimpleNamespace(bodies=[SimpleNamespace(joint="hip", freedoms=1)])
     beside = SimpleNamespace(torques=(0,), servos=(np.array([servo.kp]), np.array([servo.kv])))
     measurement = SimpleNamespace(equations=beside, components=(0,), contacts=(), frame=None, tracked=(), width=2)
     usable = SimpleNamespace(
         recording=log, mechanism=SimpleNamespace(tree=tree), usable=lambda t: np.ones(len(t), bool)
     )
-    torque = _channels(usable, measurement)[0].values[:, 1] - servo.kp * np.array(q) - servo.kv * np.gradient(q, time)
+    torque = _channels(usable, measurement)[0].values[:, 1] - servo.kp * q - servo.kv * np.gradient(q, time)
     np.testing.assert_allclose(torque[200:-2], inertia * wanted, rtol=2e-3)

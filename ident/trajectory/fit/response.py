@@ -80,7 +80,8 @@ class Stream:
         nodes: Nodes at which channels are evaluated, None for the samples.
         weights: Weights of the samples.
         residual: Residuals, zero where a sample is missing (N, s).
-        clear: Mask of the samples from which noise is estimated (N, s).
+        clear: Weights of the samples from which noise is estimated, zero for others: those of outliers in the fit, as
+            the score has these (N, s).
         std: Standard deviations of the noise assumed by the fit (s,).
         slack: Standard deviations of the error in addition to noise (N, s), None for none.
         by_row: Derivatives of channels by coordinates and their derivatives, at M samples or nodes (M, s, 3 n), and by
@@ -241,4 +242,4 @@ def response(measurement: Measurement, point: Point) -> Response:
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:
-    return Weights.of(new), new.residual, new.there & (new.clarity > CLEAR)
+    return Weights.of(new), new.residual, (new.there & (new.clarity > CLEAR)) * new.weight
