@@ -64,7 +64,7 @@ over those of the prior, above which it is used otherwise: noise, or a contact l
 WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
-HOPELESS, STEADY, FAR_WORSE = 8, 2.0, 0.7
+HOPELESS, STEADY, FAR_WORSE = 5, 2.0, 0.7
 """Rounds after which correlated noise that does not predict clearly better is given up, step of θ, in standard
 deviations, below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six
 were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that
