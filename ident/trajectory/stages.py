@@ -64,7 +64,7 @@ over those of the prior, above which it is used otherwise: noise, or a contact l
 WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
-HOPELESS, STEADY, FAR_WORSE = 8, 2.0, 0.7
+HOPELESS, STEADY, FAR_WORSE = 5, 2.0, 0.7
 """Rounds after which correlated noise that does not predict clearly better is given up, step of θ, in standard
 deviations, below which it then is, and increase of the mean log error from which it is anyway: of seven recordings six
 were decided by then. A person who bows gains in the end, from an increase of .22 while θ moves by five; an arm that
@@ -284,7 +284,6 @@ class Stages:
             return estimate
         if estimate.reversals is not None:
             estimate = self._opened(estimate)
-        # In the unconverged fit a drive may have been set to zero wrongly.
         white = self.refitted(estimate.with_fit(estimate.fit.unbound), rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
         if correlated(white)[1].any():
@@ -374,7 +373,7 @@ class Stages:
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
         candidates, least = self.is_setup & ~self.is_estimated & self.search, self._unfollowed(estimate)
-        drives, groups = self._is_drive & ~estimate.fit.unbound.free, _groups(self.setup, len(self.names))
+        drives, groups = self._is_drive & ~estimate.fit.counted, _groups(self.setup, len(self.names))
         search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, self._gross)
         return replace(estimate, search=search)
 
@@ -417,7 +416,7 @@ class Stages:
         weight = float(np.median(scatter[curvature > 0] / curvature[curvature > 0])) if (curvature > 0).any() else 1.0
         if weight < OVERRATED:
             return estimate
-        weighted = replace(fit.unbound, prior=fit.prior.weighted(weight))
+        weighted = replace(fit, prior=fit.prior.weighted(weight)).unbound
         return self.scattered(self.refitted(estimate.with_fit(weighted)))
 
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -485,7 +484,7 @@ class Stages:
             executor=self.executor,
             report=self.report,
         )
-        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
+        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.counted
         # Of a long recording a covariance has the responses of some pieces only, and would compute those of the others.
         is_long = sum(len(piece.when) for piece in pieces) > ENOUGH
 

@@ -53,10 +53,6 @@ SETTLED_EXPLORING = 0.005
 """Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
 by which knots are chosen."""
 
-COLOURED = 3
-"""Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
-fit is poor, all residuals are correlated."""
-
 SMOOTHEST = 1e7
 """Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
 reverse steps of resting coordinates."""
@@ -133,7 +129,6 @@ class _Iteration:
 
     def __init__(self, problem: "_Problem", start: Start) -> None:
         self.at, self.trace, self._problem = start, list[float](), problem
-        self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
         self._stalled = 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
@@ -166,21 +161,17 @@ class _Iteration:
         if problem.explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
             return "near"
         changed = max(new.change(old) for new, old in both)
-        if (problem.coloured and not self._was_coloured) or not changed < SETTLED_NOISE:
-            return ""
         last = self.trace[-1], _motion(problem.pieces, at, moves)
-        if not problem.settled.holds(*last):
+        if not changed < SETTLED_NOISE or not problem.settled.holds(*last):
             return ""
         return "converged" if SETTLED.holds(*last) else "near"
 
     def _renewed(self, before: Sequence[Noise], parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> list[Noise]:
         """Noise of every recording updated after a step."""
-        near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
-        self._now_coloured = self._problem.coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         out = list[Noise]()
         for log, old in enumerate(before):
             own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
-            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
+            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._problem.coloured)
             new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
             out.append(replace(new, **{name: getattr(old, name) for name in self._problem.kept}))
         return out

@@ -79,7 +79,7 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("step", "loss", "legs"), [(0.5, 0.1, [8]), (0.5, -0.1, [8, 12]), (5.0, 0.3, [8, 12]), (5.0, 1.0, [8])]
+    ("step", "loss", "legs"), [(0.5, 0.1, [5]), (0.5, -0.1, [5, 15]), (5.0, 0.3, [5, 15]), (5.0, 1.0, [5])]
 )
 def test_correlated_noise_is_given_up_once_it_settles_or_predicts_far_worse(monkeypatch, step, loss, legs):
     rounds, usual = [], estimate()

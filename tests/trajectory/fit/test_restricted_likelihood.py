@@ -12,7 +12,7 @@ from ident.trajectory.algebra import whitening
 from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.iteration import COLOURED, fit
+from ident.trajectory.fit.iteration import fit
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
 from ident.trajectory.fit.restricted_likelihood import LEAST_MOTION, renewed
@@ -94,12 +94,12 @@ def with_root(measurement, at):
 def updated(piece, rounds=20):
     """σ and ρ of the coordinate at which updates converge, all else given, and the residuals' own correlation."""
     noise, c, theta, linear = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2), Linear()
-    for k in range(rounds):
+    for _ in range(rounds):
         part, root = with_root(linear, Point(piece, c, theta, noise))
         step = root @ root.T @ part.eliminated.gradient
         c, theta = c + (part.eliminated.step - part.eliminated.by_theta @ step)[:, None], theta + step
         left = misfit(linear, Point(piece, c, theta, noise))
-        new = renewed(noise, [part], [left], coloured=k >= COLOURED)
+        new = renewed(noise, [part], [left], coloured=True)
         noise = replace(noise, states=new.states, states_rho=new.states_rho)
     residual = piece.states[:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
     return noise.states[0], noise.states_rho[0], residual[1:] @ residual[:-1] / (residual @ residual)
