@@ -220,8 +220,9 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift of joint {of} along {axis} of its parent's frame",
         together="another length of every link from {}",
         note="Inertias of an updated model belong to that place, which --write-geometry writes, too. "
-        "At the model's place they act alike at rest with one more first moment of the body that carries the joint: "
-        "this shift times the mass beyond it. In motion none do; centre = 0 under [setup] gives those that fit best.",
+        "At the model's place they act alike at rest without contacts beyond the joint, with one more first moment of "
+        "the body that carries it: this shift times the mass beyond. In motion none do; centre = 0 under [setup] fits "
+        "best.",
     ),
     "tracker_delay": SetupKind(
         std=0.05,

@@ -235,6 +235,7 @@ def test_more_than_four_names_are_counted(code):
         text = Finding(code, many, False).text
         names = set(re.findall(r"part\d", re.sub(r"--leave-out [^.;]*|--drive [^.;]*", "", text)))
         assert len(names) <= most and (most == 4 or "part7 and 1 other" in text), text
+        assert "  " not in text, text
 
 
 def test_every_code_is_the_finding_of_some_judge():
