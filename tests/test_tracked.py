@@ -292,6 +292,7 @@ def test_recordings_in_python_are_checked_too():
     number, own = np.arange(len(quaternion)), {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
     for first, last, message in (
         (number == 40, number == 40, f"{ten} flange_orientation, got 1."),
+        (number < 9, number >= 0, f"{ten} flange_orientation, got 9."),
         (number % 2 == 0, number % 2 == 1, f"{ten} flange_orientation, got 0."),
         (number >= 0, number < 0, f"{ten} flange_orientation, got 0."),
     ):

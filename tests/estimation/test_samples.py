@@ -152,7 +152,7 @@ def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
 def test_floors_are_those_of_spread_resolution_and_kind():
     T, noise = np.arange(1000) / 100, np.random.default_rng(0).normal(size=1000)
     flat, coarse, fine = np.full(1000, 3.0), 0.3 * np.round(np.sin(T) / 0.3), 30 * np.sin(T) + noise
-    """A share of 1e-5 is the noise of a force, whose sensor it shares, but a signal of a finger's torque."""
+    # A share of 1e-5 is the noise of a force, whose sensor it shares, but a signal of a finger's torque.
     small = 1e-5 * fine
     every = np.stack([flat, fine, coarse, 0.01 * small, fine, small, small, fine, fine], axis=1)
     every[::7, 2] = np.nan
