@@ -16,7 +16,7 @@ import ident
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.recorded_motion import aligned, measured_poses
+from ident.estimation.recorded_motion import aligned, check_tracked, measured_poses
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.motion import Motion
 from ident.recordings.stated import Tracker
@@ -292,6 +292,7 @@ def test_recordings_in_python_are_checked_too():
     number, own = np.arange(len(quaternion)), {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
     for first, last, message in (
         (number == 40, number == 40, f"{ten} flange_orientation, got 1."),
+        (number < 9, number >= 0, f"{ten} flange_orientation, got 9."),
         (number % 2 == 0, number % 2 == 1, f"{ten} flange_orientation, got 0."),
         (number >= 0, number < 0, f"{ten} flange_orientation, got 0."),
     ):
@@ -301,5 +302,9 @@ def test_recordings_in_python_are_checked_too():
     still = {f"flange_{x}": np.tile(y[0], (len(y), 1)) for x, y in own.items()}
     message = sentence_of(identified, replace(recording, measured={**recording.measured, **still}))
     assert "flange_position and flange_orientation, never change, but joints move 'b4'" in message
+    joints, rests = mechanism().tree.joints, replace(recording, measured={**recording.measured, **still})
+    check_tracked(mechanism(), rests, joints)
+    forth = still["flange_position"] + np.outer(number, [1e-3, 0, 0])
+    check_tracked(mechanism(), replace(rests, measured={**rests.measured, "flange_position": forth}), ())
     with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
         identified([recording, replace(recorded(1, seconds=1.0)[0], trackers={})])

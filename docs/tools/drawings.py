@@ -160,20 +160,21 @@ def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
         ("hand", points[2], forces[1], HAND, -0.48),
     ):
         arrow = {"arrowstyle": "-|>,head_width=0.3", "color": color, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
-        # 500 N are a metre long.
+        # 500 N are drawn a metre long.
         ax.annotate("", start + force / 500, start, arrowprops=arrow, annotation_clip=False)
         ax.text(0.2, height, f"{name}: {np.hypot(*force):.0f} N", color=color, fontsize=9)
 
 
 def _draw_curves(ax: Axes, result: SimulatedStudy) -> Line2D:
     """Draws the moment about X over time, from the ground, with the hand, and predicted; returns the cursor."""
-    time, (symbol, unit) = result.recording.time, figures.SYMBOLS[3]
+    component = 3
+    time, (symbol, unit) = result.recording.time, figures.SYMBOLS[component]
     for label, wrench, line in (
         ("ground", result.recording.wrench("ground").values, figures.Line(GROUND, 1.0)),
         ("ground and hand", result.measured.values, figures.Line(TOTAL, 2.2)),
         (r"predicted, $Y\psi$", result.fit("contact").predicted, figures.Line(ESTIMATE, 1.2, "--")),
     ):
-        ax.plot(time, wrench[:, 3], color=line.color, lw=line.width, ls=line.style, label=label)
+        ax.plot(time, wrench[:, component], color=line.color, lw=line.width, ls=line.style, label=label)
     ax.set(xlim=WINDOW, xlabel="Time (s)", ylabel=f"${symbol}$ ({unit})")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3, handlelength=1.4, columnspacing=1.0, fontsize=7)
     return ax.axvline(WINDOW[0], color="0.5", lw=1)

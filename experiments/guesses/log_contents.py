@@ -234,7 +234,8 @@ class LogContents:
 
 def is_one(ratio: np.ndarray | float) -> np.ndarray:
     """True where the ratio of a rate to the derivative is that of one unit, of either sign, to a quarter."""
-    return (np.abs(ratio) > 1 / 1.25) & (np.abs(ratio) < 1.25)
+    most = 1.25
+    return (np.abs(ratio) > 1 / most) & (np.abs(ratio) < most)
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:

@@ -45,7 +45,8 @@ def place_wrenches(model: ComparedModel) -> None:
         ratio = size_ratio(x, ground[:, part])
         # Masses of models are wrong by less; of a payload of a tenth of the weight, in the base's axes, the model
         # explains .93.
-        is_of_size = any(1 / 5 < ratio * factor < 5 for factor in UNITS[key].values())
+        most = 5
+        is_of_size = any(1 / most < ratio * factor < most for factor in UNITS[key].values())
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:

@@ -132,14 +132,16 @@ def figure(difference: Difference) -> Figure:
     with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
         drawn, panels = row_panels(SHEET, labels, "Difference in its standard deviations from noise")
-        widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), 10)
-        powers = 10.0 ** np.arange(1, 1 + int(np.log10(widest)))
+        # The abscissa is linear up to this difference, and logarithmic beyond.
+        linear = 10.0
+        widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), linear)
+        powers = linear ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:
             ax.axvline(0, color="0.6", lw=0.6)
             grey: dict[str, Any] = {"fmt": "none", "lw": 0.6, "color": "0.6"}
             ax.errorbar(z[rows], rows, xerr=wider[rows], label="Noise and set-up, 95 %", **grey)
             ax.errorbar(z[rows], rows, xerr=INTERVAL, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
-            ax.set_xscale("symlog", linthresh=10)
+            ax.set_xscale("symlog", linthresh=linear)
             ax.set_xticks([*-powers[::-1], 0, *powers])
             ax.minorticks_off()
         add_legend(drawn)

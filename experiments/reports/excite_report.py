@@ -90,7 +90,7 @@ def figure(design: Design) -> Figure:
 def lines(design: Design) -> list[str]:
     """Sentences for the terminal and the page, besides the tables."""
     motion, limits = design.before.motion, design.limits
-    # What is faster before by more than the limits' rounding is said.
+    # What is faster before by more than a twentieth is said.
     beyond = abs(motion.dq).max(axis=0) > 1.05 * limits.velocity
     beyond |= abs(motion.ddq).max(axis=0) > 1.05 * limits.acceleration
     long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))

@@ -52,7 +52,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     priors: list[float | None] = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(fit.names) - len(priors))
     lagging, footnote = _of_servos(result)
-    # Of a value that may be zero nobody wants the relative deviation.
+    # Relative deviations are shown of values that are clearly not zero.
     far = abs(fit.values) > 3 * wider
     columns = {
         "parameter": fit.names,

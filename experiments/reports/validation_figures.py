@@ -146,8 +146,10 @@ def summary_figure(study: Study) -> Figure:
             rows = {f"{label}, {own}": agreement(each)[name] for own, each in zip(names, shown, strict=True)}
             _strip(right, rows, rng, color=color, shift=shift)
         right.axvspan(-INTERVAL, INTERVAL, color="0.88", lw=0)
-        right.set_xscale("symlog", linthresh=4)
-        largest = max(abs(z).max(initial=4) for each in shown for z in agreement(each).values())
+        # Linear up to this difference, in standard deviations, and logarithmic beyond.
+        linear = 4.0
+        right.set_xscale("symlog", linthresh=linear)
+        largest = max(abs(z).max(initial=linear) for each in shown for z in agreement(each).values())
         ticks = [x for x in (-30, -10, -4, -2, 0, 2, 4, 10, 30) if abs(x) <= largest]
         right.set_xticks(ticks, [str(x).replace("-", "\N{MINUS SIGN}") for x in ticks])
         right.minorticks_off()

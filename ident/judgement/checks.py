@@ -243,10 +243,11 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
     point = _least_squares(rows, target)
     total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
     pushed, distances = max(float(np.linalg.norm(force)), TINY), []
-    # The point's distance from the body's joints counts a fifth of that of the forces from the point.
-    near = np.vstack([rows / pushed, np.eye(3) / 5])
+    # The point's distance from the body's joints counts less than that of the forces from the point.
+    weight = 0.2
+    near = np.vstack([rows / pushed, weight * np.eye(3)])
     for joint in [np.zeros(3), *(body.home[:3, 3] for body in tree.bodies if body.parent == i)]:
-        aim = np.append(target / pushed, joint / 5)
+        aim = np.append(target / pushed, weight * joint)
         distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
     return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
 

@@ -31,7 +31,7 @@ more has 4."""
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A doubt on a trajectory estimate that has not converged, to a third of a standard deviation."""
+    """A doubt on a trajectory estimate that was interrupted, or whose last step was above 0.3 standard deviations."""
     if evidence.trajectory is None:
         return
     fit = evidence.trajectory.fit

@@ -72,7 +72,7 @@ def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.
 def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
     """Points whose convex hull is a geom, in its frame (P, 3); None for geoms without a finite one."""
     kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
-    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.arange(16) * 2 * np.pi / 16])
+    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.linspace(0, 2 * np.pi, 16, endpoint=False)])
     ends = np.array([[0, 0, -b], [0, 0, b]])
     match kind:
         case mujoco.mjtGeom.mjGEOM_BOX:

@@ -316,7 +316,8 @@ def reachable(
     n, rng = len(low), np.random.default_rng(0)
     center = np.clip(rest, low, high)
     corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(n, 6)), -1).reshape(-1, min(n, 6))
-    # Most ranges that are too large fail in a corner; of postures between them not one in a hundred is missed.
+    # Most ranges that are too large fail in a corner. Random postures besides find what fails in more than one
+    # of a hundred.
     units = np.pad(corners, ((0, 0), (0, n - corners.shape[1])), mode="edge"), rng.random((200, n))
     limits = np.array([ranges.get(joint, (-np.inf, np.inf)) for joint in tree.dependent])
     # A little of a dependent joint's range stays free at each stop.

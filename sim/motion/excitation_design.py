@@ -95,8 +95,9 @@ def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
         InputError: There are too few harmonics, or the duration is not positive.
     """
     # With fewer, a series that rests at its ends has no free coefficients.
-    if harmonics < 2:
-        raise InputError(f"A series that starts and ends at rest needs at least 2 harmonics, got {harmonics}.")
+    fewest = 2
+    if harmonics < fewest:
+        raise InputError(f"A series that starts and ends at rest needs at least {fewest} harmonics, got {harmonics}.")
     _check_duration(duration)
     k = np.arange(1.0, harmonics + 1)
     w = 2 * np.pi * k / duration

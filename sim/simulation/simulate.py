@@ -224,8 +224,9 @@ def simulate_many(
     threads = (os.cpu_count() or 1) if threads is None else threads
     if not 1 <= samples <= LONGEST:
         raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")
-    if not (is_number(noise_scale) and 0 <= noise_scale <= 1000):
-        raise InputError(f"The noise scale must be from 0 to 1000, got {described(noise_scale)}.")
+    loudest = 1000
+    if not (is_number(noise_scale) and 0 <= noise_scale <= loudest):
+        raise InputError(f"The noise scale must be from 0 to {loudest}, got {described(noise_scale)}.")
     if wrong := [seed for seed in seeds if seed < 0]:
         raise InputError(f"A seed is a whole number from zero, got {wrong[0]}.")
     if threads < 1:
@@ -300,7 +301,7 @@ def _runs(
     read = play(model, qpos, qvel, commands, instants, threads=threads)
     errors = abs(read.qpos[..., driven.qpos] - [x.q[instants] for x in desired])
     error = errors.max(axis=-1)
-    # Servos that lag by more are at a joint limit or a torque limit.
+    # Servos that lag by more, rad, are at a joint limit or a torque limit.
     followed = error <= 0.2
     if not followed.all():
         run, k = np.argwhere(~followed)[0]

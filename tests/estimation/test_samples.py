@@ -16,10 +16,11 @@ from slow_pendulum import recorded
 
 import ident
 from ident.estimation.noise import LEAST, LEAST_OF_POSES, least_noise
-from ident.estimation.preparation import Part, prepared
+from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import arrays_of, even
 from ident.estimation.sources import in_order
 from ident.mechanism.motion import BaseMotion
+from ident.recordings.stated import Servo
 from ident.regression.conventional import filtered_least_squares
 from ident.trajectory.late_start import unexplained
 
@@ -152,7 +153,7 @@ def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
 def test_floors_are_those_of_spread_resolution_and_kind():
     T, noise = np.arange(1000) / 100, np.random.default_rng(0).normal(size=1000)
     flat, coarse, fine = np.full(1000, 3.0), 0.3 * np.round(np.sin(T) / 0.3), 30 * np.sin(T) + noise
-    """A share of 1e-5 is the noise of a force, whose sensor it shares, but a signal of a finger's torque."""
+    # A share of 1e-5 is the noise of a force, whose sensor it shares, but a signal of a finger's torque.
     small = 1e-5 * fine
     every = np.stack([flat, fine, coarse, 0.01 * small, fine, small, small, fine, fine], axis=1)
     every[::7, 2] = np.nan
@@ -172,3 +173,21 @@ def test_a_joint_at_rest_is_held_where_it_is():
         np.testing.assert_allclose(c[:, 1], 0.7, atol=1e-3)
     assert (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
     assert (estimate.held_out.ratio[1:] < 1.05 * estimate.rivals["model"][1:] + 0.01).all()
+
+
+@pytest.mark.parametrize("servos", [False, True])
+def test_samples_low_passed_as_a_log_are_its_own(servos):
+    """With a wrench of which one component is not measured, beside torques or commands."""
+    arm, log = driven_arm.mechanism(), driven_arm.log(3.0)
+    if servos:
+        time, channels = driven_arm.commanded(3.0)
+        log = ident.Recording(time, channels, servos=dict.fromkeys(driven_arm.JOINTS, Servo(60.0, 4.0)))
+    wrench = np.random.default_rng(0).normal(size=(len(log.time), 6)) * np.array([1, np.nan, 1, 1, 1, 1])
+    log = replace(log, measured=log.measured | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
+    own = prepared(arm, log, cutoff=8.0)
+    samples, raw = filtered(own, 8.0)
+    np.testing.assert_allclose(samples.measured, own.samples.measured, atol=1e-12)
+    np.testing.assert_array_equal(samples.motion.dq, own.samples.motion.dq)
+    np.testing.assert_array_equal(raw[:, :5], np.delete(wrench, 1, axis=1))
+    np.testing.assert_array_equal(filtered(own, None)[0].measured, raw)
+    assert np.abs(filtered(own, 4.0)[0].motion.dq - samples.motion.dq).max() > 1e-3

@@ -9,8 +9,10 @@ from written_formats import DEG, write_csv, write_mot
 
 import ident
 from ident import LogError, read_log
+from ident.geometry import se3
+from ident.geometry.se3 import pose
 from ident.recordings.log import read_log_pieces
-from ident.recordings.times import Sampled, side_by_side
+from ident.recordings.times import Sampled, interpolated_poses, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -152,3 +154,12 @@ def test_files_that_cannot_be_put_together(tmp_path):
         assert sentence in sentence_of(read_log, name, arm(), columns)
     with pytest.raises(LogError, match="is not read in pieces"):
         list(read_log_pieces(pair(tmp_path), arm(), samples=100))
+
+
+def test_poses_between_samples_turn_at_a_constant_rate_and_stay_at_the_ends():
+    own, time = np.array([1.0, 2.0, 4.0]), np.array([0.0, 1.5, 3.0, 5.0])
+    poses = pose(se3.exp(np.eye(6)[5], 0.4 * own)[:, :3, :3], np.outer(own, [1, 2, 3]))
+    T = interpolated_poses(Sampled(own, poses.reshape(3, 16)), time)
+    inside = np.clip(time, 1, 4)
+    np.testing.assert_allclose(T[:, :3, :3], se3.exp(np.eye(6)[5], 0.4 * inside)[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(T[:, :3, 3], np.outer(inside, [1, 2, 3]), atol=1e-12)

@@ -227,18 +227,20 @@ def drawn(rng, count, moved=(), std=1.0):
     return [dict(zip(NAMES, each, strict=True)) for each in x.tolist()], [MIXED] * count
 
 
+SHANK = Body("shank", BASE, np.eye(4), np.eye(6)[3], "hip")
+LEG = Mechanism(Tree((Body("base", BASE, np.eye(4), np.zeros(6)), SHANK)), np.zeros(3))
+GIVEN = {"std": dict.fromkeys(NAMES, 1.0), "units": dict.fromkeys(NAMES, "u")}
+
+
 @pytest.mark.parametrize("moved", [(3,), (0, 4, 9, 12, 17), tuple(range(9))])
 def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     values, covariances = drawn(np.random.default_rng(1), 20, moved)
     agreed = agreement(values, covariances)
     assert np.flatnonzero(agreed.differ).tolist() == list(moved) and agreed.spread < 1.5
-    given = {"std": dict.fromkeys(NAMES, 1.0), "units": dict.fromkeys(NAMES, "u")}
-    given |= {"doubts": ["weight_differs", "setup_axis"]}
+    given = GIVEN | {"doubts": ["weight_differs", "setup_axis"]}
     outcomes = [LogOutcome(f"run{k}.csv", f"run{k}", "usable", values=x, **given) for k, x in enumerate(values)]
     failed = LogOutcome("bad.csv", error="bad.csv: no.")
-    shank = Body("shank", BASE, np.eye(4), np.eye(6)[3], "hip")
-    leg = Mechanism(Tree((Body("base", BASE, np.eye(4), np.zeros(6)), shank)), np.zeros(3))
-    document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, leg, {})
+    document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, LEG, {})
     (_, sentence, doubt), (_, failure, _) = document.findings
     assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
     assert doubt and f"{len(moved)} of 20 logs differ" in sentence.replace("differs", "differ")
@@ -266,7 +268,9 @@ def test_what_all_logs_differ_by_is_said_of_all():
 def test_copies_of_a_log_do_not_agree():
     values, covariances = drawn(np.random.default_rng(3), 3)
     agreed = agreement([*values, values[1]], [*covariances, MIXED])
-    outcomes = [LogOutcome(f"run{k}", f"{k}", "usable", values=x) for k, x in enumerate([*values, values[1]])]
-    sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
-    assert doubt == "Copies" and sentence.startswith("run3 has the estimate of another log to the last digit.")
+    outcomes = [LogOutcome(f"run{k}", f"{k}", "usable", values=x, **GIVEN) for k, x in enumerate([*values, values[1]])]
+    document = batch_report.document(Path("arm.xml"), outcomes, agreed, LEG, {})
+    ((title, sentence, _),) = document.findings
+    assert (document.headline.word, title) == ("Copies", "Copies of a log")
+    assert sentence.startswith("run3 has the estimate of another log to the last digit.")
     assert batch_report.verdict(outcomes[:3], agreement(values, covariances), ("base", "shank"))[1] == ""

@@ -28,9 +28,10 @@ def model_element(path: Path, root: ET.Element) -> ET.Element:
     if root.tag != "OpenSimDocument" or model is None:
         raise ModelError(f"{path}: an OpenSim file is an <OpenSimDocument> with a <Model>, this one a <{root.tag}>.")
     version = root.get("Version", "")
-    if not version.isdecimal() or int(version) < 30000:
+    oldest = 30000
+    if not version.isdecimal() or int(version) < oldest:
         raise ModelError(
-            f"{path}: files of OpenSim 3 and later are read (Version 30000 or more), this one is '{version}'; let "
+            f"{path}: files of OpenSim 3 and later are read (Version {oldest} or more), this one is '{version}'; let "
             "OpenSim open and save it."
         )
     return model
