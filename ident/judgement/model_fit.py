@@ -119,7 +119,7 @@ class ModelFit:
             whole, left = raw[:, number:].std(axis=0), without_drives(drives, raw[:, number:] - stated)
             # What is left of a torque that is mostly friction is no signal.
             size[number:] = whole * np.sqrt(((left / np.maximum(whole, 1e-300)) ** 2).mean())
-        size = np.maximum(size, 1e-300)
+        size = np.maximum(size, 1e-100)
         Y = (Y / size[:, None]).reshape(4, *raw.shape, -1)
         each = Y.reshape(*Y.shape[:3], -1, 10)
         uncertain = np.einsum("kncbp,brp->kncbr", each, known_roots(mechanism)).reshape(Y.shape)
@@ -236,7 +236,7 @@ def _best(fit: ModelFit) -> np.ndarray:
     for turn in TURNS:
         while True:
             nearest = min((_unit(best + sign * turn * e) for e in across for sign in (1, -1)), key=fit.misfit)
-            if (misfit := fit.misfit(nearest)) >= least:
+            if not (misfit := fit.misfit(nearest)) < least:
                 break
             best, least = nearest, misfit
     return np.round(best) if np.abs(best).max() > AXIS else best

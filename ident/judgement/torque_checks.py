@@ -149,7 +149,8 @@ def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: f
     """Check of the torque of one joint (N,) against its prediction (N,), given the norm of the latter's uncertainty."""
     size, whole = max(float(predicted @ predicted), 1e-300), max(float(measured @ measured), 1e-300)
     error, opposite = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
-    gain, alike = float(measured @ predicted) / size, float(measured @ predicted) ** 2 / (size * whole)
+    gain, share = float(measured @ predicted) / size, float(measured @ predicted) / whole
+    alike = gain * share
     far = error > FAR * max(uncertain, 1e-300)
     scaled = alike > ALIKE and far and not 1 / SCALE < abs(gain) < SCALE
     return TorqueCheck(joint, gain, opposite < FAR_BETTER * error, scaled)

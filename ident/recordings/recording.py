@@ -239,17 +239,24 @@ class Recording(Brief):
                 return None
             out = np.full((len(self.time), len(tree.freedoms)), np.nan)
         for k, joint in commanded.items():
-            command = self[f"{joint}_command"]
-            # Before a sample the command of the one before acts, after it the sample's own; within samples, angles
-            # whose acceleration jumps are off what passes through the samples.
-            acting = (command + np.append(command[:1], command[:-1])) / 2
-            acting[1:-1] -= np.diff(acting, 2) / 12
-            out[:, k] = self.servos[joint].kp * acting
+            out[:, k] = self.servos[joint].kp * self._acting(f"{joint}_command")
         out = out if cutoff is None else low_pass(out, self.rate, cutoff)
         for k, joint in commanded.items():
             servo = self.servos[joint]
             out[:, k] -= servo.kp * tree.freedom_coordinates(motion.q)[:, k] + servo.kv * motion.dq[:, k]
         return out
+
+    def _acting(self, channel: str) -> np.ndarray:
+        """Commands that act around the samples, each held until the next one; of poses at rest their own (N,)."""
+        if self.still or np.isnan(self[channel]).all():
+            return self[channel]
+        time = self.time[0] + np.arange(len(self.time)) / self.rate
+        own = self.streams.get(channel, Sampled(time, self[channel]))
+        when, command = own.time[known := np.isfinite(own.values)], own.values[known]
+        # Half-way between a command and the next one their mean acts; within samples, angles whose acceleration jumps
+        # are off what passes through the samples.
+        command[1:-1] -= np.diff(command, 2) / 12
+        return np.interp(time - np.median(np.diff(when)) / 2, when, command)
 
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:
         """Measured torques of the named joints, NaN for joints without (N, n); None if no joint has any."""
