@@ -268,5 +268,8 @@ def test_copies_of_a_log_do_not_agree():
     agreed = agreement([*values, values[1]], [*covariances, MIXED])
     outcomes = [LogOutcome(f"run{k}", f"{k}", "usable", values=x) for k, x in enumerate([*values, values[1]])]
     sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
-    assert doubt == "Copies" and sentence.startswith("run3 has the estimate of another log to the last digit.")
+    assert doubt == "Copies" and sentence.startswith("run3 (as run1) has the estimate of another log but for rounding.")
+    rounded = {name: x + 1e-12 for name, x in values[1].items()}
+    outcomes[3] = LogOutcome("later", "3", "usable", values=rounded, std=dict.fromkeys(rounded, 1e-3))
+    assert batch_report.verdict(outcomes, agreed, ("base", "shank"))[0].startswith("later (as run1) has")
     assert batch_report.verdict(outcomes[:3], agreement(values, covariances), ("base", "shank"))[1] == ""
