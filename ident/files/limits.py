@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import Point, as_array, fits, in_words, one_of
-from ident.arguments import quoted
 from ident.errors import InputError, LogError, not_installed
 from ident.files.column import UNITS
 from ident.files.table import short
@@ -225,7 +224,7 @@ def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
     elif args and (is_dataclass(args[0]) or get_origin(args[0]) is Mapping):
         words = words or "a list of tables"
     needed = words or WORDS.get(hint) or in_words(hint)
-    raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {quoted(value)}{too_large(value)}.")
+    raise LogError(f"{where} needs {needed}{';' if ', ' in needed else ','} got {short(value)}{too_large(value)}.")
 
 
 def too_large(value: Any) -> str:

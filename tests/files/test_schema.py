@@ -67,7 +67,7 @@ def test_entries_become_what_the_annotations_say():
         ({"seats": 1.5}, "cart.seats needs a whole number, got 1.5."),
         ({"seats": True}, "cart.seats needs a whole number, got True."),
         ({"still": 1}, "cart.still needs true or false, got 1."),
-        ({"colour": "green"}, "cart.colour needs one of red, blue; got 'green'."),
+        ({"colour": "green"}, "cart.colour needs one of red, blue; got green."),
         ({"loads": {"sand": -1}}, "cart.loads.sand needs a number of at least 0, got -1."),
         ({"loads": 3}, "cart.loads needs a table of entries, got 3."),
         ({"middle": [1, 2]}, "cart.middle needs a list of 3 numbers, got [1, 2]."),
