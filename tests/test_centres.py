@@ -97,6 +97,7 @@ def test_centres_are_in_the_intervals_though_none_is_found():
     ("centre", "message"),
     [
         (-1, "centre needs a standard deviation, zero or false, got -1."),
+        ("3", "centre needs a standard deviation, zero or false, got '3'."),
         ({"joint3": 0.01}, "centre has no entry 'joint3'; valid are joint1, joint2."),
         ({"joint2": -0.01}, "centre.joint2 needs a standard deviation, zero or false, got -0.01."),
         ({"joint2": 11}, "centre.joint2 needs a standard deviation, zero or false, got 11; the largest is 10."),

@@ -28,6 +28,9 @@ OUTPUTS = (*RESULTS, "batch.json")
 APART = 2.0
 """Differences between logs over those that their noise explains, from which this is a doubt."""
 
+ROUNDING = 1e-6
+"""Difference of two logs' parameters over their standard deviations, up to which one log is a copy of the other."""
+
 
 def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabular.Table:
     """Verdict, doubts and residuals of every log, what it differs in, or the sentence with which it failed."""
@@ -129,9 +132,17 @@ def _span(values: np.ndarray, form: str) -> str:
     return " to ".join(dict.fromkeys(f"{each:{form}}" for each in (values.min(), values.max())))
 
 
+def _copied(one: LogOutcome, other: LogOutcome) -> bool:
+    """True if two estimates differ by rounding alone, as where a copy counts its times from elsewhere."""
+    if not one.values or one.values.keys() != other.values.keys():
+        return False
+    return all(abs(x - other.values[name]) <= ROUNDING * one.std.get(name, 0.0) for name, x in one.values.items())
+
+
 def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, str]:
     """Sentences on the agreement of the logs, and the doubt that they are; "" if they are none."""
-    copies = [x.log for k, x in enumerate(outcomes) if x.values and x.values in (y.values for y in outcomes[:k])]
+    firsts = [next((y.log for y in outcomes[:k] if _copied(x, y)), "") for k, x in enumerate(outcomes)]
+    copies = [f"{x.log} (as {first})" for x, first in zip(outcomes, firsts, strict=True) if first]
     k, differ, wide = agreed.most[0], agreed.differ, agreed.spread > APART
     names = [each.log for each, differs in zip(outcomes, differ, strict=True) if differs]
     most = with_bodies([agreed.names[k]], bodies)

@@ -272,5 +272,8 @@ def test_copies_of_a_log_do_not_agree():
     document = batch_report.document(Path("arm.xml"), outcomes, agreed, LEG, {})
     ((title, sentence, _),) = document.findings
     assert (document.headline.word, title) == ("Copies", "Copies of a log")
-    assert sentence.startswith("run3 has the estimate of another log to the last digit.")
+    assert sentence.startswith("run3 (as run1) has the estimate of another log but for rounding.")
+    rounded = {name: x + 1e-12 for name, x in values[1].items()}
+    outcomes[3] = LogOutcome("later", "3", "usable", values=rounded, std=dict.fromkeys(rounded, 1e-3))
+    assert batch_report.verdict(outcomes, agreed, ("base", "shank"))[0].startswith("later (as run1) has")
     assert batch_report.verdict(outcomes[:3], agreement(values, covariances), ("base", "shank"))[1] == ""
