@@ -44,7 +44,7 @@ def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarr
     fit = _bounded(solve, drives, begin, free, rounds)
     # A drive that is negative while others are negative too may be positive once these are zero.
     untried = drives.copy()
-    while rounds and fit.status != "stopped" and (gains := fit.gains(untried & ~fit.free)).any():
+    while rounds and fit.status != "stopped" and (gains := _gains(fit, untried & ~fit.free)).any():
         best = np.arange(len(drives)) == np.argmax(gains)
         untried &= ~best
         fit = _bounded(solve, drives, fit.end, fit.free | best, rounds)
@@ -58,6 +58,15 @@ def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, r
         theta = np.where(negative, 0.0, fit.theta)
         fit = solve(replace(fit.end, theta=theta), free=fit.free & ~negative, rounds=rounds)
     return fit
+
+
+def _gains(fit: TrajectoryFit, held: np.ndarray) -> np.ndarray:
+    """Decrease of the cost if one parameter at zero were free, zero if it would be negative (p,)."""
+    gains = np.zeros(len(held))
+    if fit.shares and fit.status != "interrupted":
+        values, std = replace(fit, scatters=None).scores(np.eye(len(held))[held])
+        gains[held] = np.where(values > 0, (values / std) ** 2, 0.0)
+    return gains
 
 
 def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds: int) -> TrajectoryFit:

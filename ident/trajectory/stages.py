@@ -284,6 +284,7 @@ class Stages:
             return estimate
         if estimate.reversals is not None:
             estimate = self._opened(estimate)
+        # In the unconverged fit a drive may have been set to zero wrongly.
         white = self.refitted(estimate.with_fit(estimate.fit.unbound), rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
         if correlated(white)[1].any():
@@ -373,7 +374,7 @@ class Stages:
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
         candidates, least = self.is_setup & ~self.is_estimated & self.search, self._unfollowed(estimate)
-        drives, groups = self._is_drive & ~estimate.fit.counted, _groups(self.setup, len(self.names))
+        drives, groups = self._is_drive & ~estimate.fit.unbound.free, _groups(self.setup, len(self.names))
         search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, self._gross)
         return replace(estimate, search=search)
 
@@ -416,7 +417,7 @@ class Stages:
         weight = float(np.median(scatter[curvature > 0] / curvature[curvature > 0])) if (curvature > 0).any() else 1.0
         if weight < OVERRATED:
             return estimate
-        weighted = replace(fit, prior=fit.prior.weighted(weight)).unbound
+        weighted = replace(fit.unbound, prior=fit.prior.weighted(weight))
         return self.scattered(self.refitted(estimate.with_fit(weighted)))
 
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -484,7 +485,7 @@ class Stages:
             executor=self.executor,
             report=self.report,
         )
-        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.counted
+        drives = self._is_drive if estimate is None else self._is_drive & estimate.fit.unbound.free
         # Of a long recording a covariance has the responses of some pieces only, and would compute those of the others.
         is_long = sum(len(piece.when) for piece in pieces) > ENOUGH
 

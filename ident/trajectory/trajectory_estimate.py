@@ -119,7 +119,7 @@ def trajectory_estimate(
     if more := low_velocity_columns(equations, estimate.reversals) if stribeck else ():
         wider = stages_of(known, equations.with_stribeck(more), own)
         estimate = wider.searched(wider.carried(estimate))
-        kept = [name for name in more if estimate.fit.counted[wider.names.index(name)]]
+        kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]
         stages = stages_of(known, equations.with_stribeck(kept) if kept else equations, own)
         estimate = stages.carried(estimate)
     else:

@@ -137,8 +137,8 @@ class TrajectoryFit:
 
     @property
     def unbound(self) -> "TrajectoryFit":
-        """Fit with the drives at their bound free that would be positive, without shares all, as a starting point."""
-        return replace(self, free=self.free | (self.gains(self.bound) > 0 if self.shares else self.bound))
+        """Fit with these drives free, as a starting point: another fit may find them positive."""
+        return replace(self, free=self.free | self.bound)
 
     @property
     def counted(self) -> np.ndarray:
@@ -198,11 +198,3 @@ class TrajectoryFit:
         alone[:, free] -= regressed
         variance = np.maximum(((alone @ self.scatter) * alone).sum(axis=1), LEAST_SCATTER * curvature)
         return np.where(determined, pull / curvature, 0.0), np.where(determined, np.sqrt(variance) / curvature, np.inf)
-
-    def gains(self, held: np.ndarray) -> np.ndarray:
-        """Decrease of the cost if one parameter at zero were free, zero if it would be negative (p,)."""
-        gains = np.zeros(len(held))
-        if self.shares and self.status != "interrupted":
-            values, std = replace(self, scatters=None).scores(np.eye(len(held))[held])
-            gains[held] = np.where(values > 0, (values / std) ** 2, 0.0)
-        return gains
