@@ -195,8 +195,8 @@ class Workers:
         size = max(1, min(batch, 1 + len(left) // 16))
         number = max(1, min(self.number, len(left) + len(again)))
         with worker_pool(number) as executor:
-            # Outcomes are small: behind a slow task no worker waits until it is taken.
-            results = partial(in_order, executor, together, ahead=max(1, len(tasks)))
+            # Two tasks for each, so that no worker waits.
+            results = partial(in_order, executor, together, ahead=2 * number)
             with closing(results([[tasks[k]] for k in again])) as batches:
                 for k, (outcome,) in zip(again, batches, strict=True):
                     done[k] = outcome

@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 
 
 def size(data, *, plus=0):
@@ -24,11 +23,3 @@ def die(*_):
 
 def blocked_signals():
     return signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-
-def first_waits_for(last, folder, k):
-    (folder / str(k)).touch()
-    end = time.monotonic() + 20
-    while k == 0 and not (folder / str(last)).exists() and time.monotonic() < end:
-        time.sleep(0.01)
-    return (folder / str(last)).exists()

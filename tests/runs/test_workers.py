@@ -5,11 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-from functools import partial
 from itertools import count
 
 import pytest
-from tasks import blocked_signals, die, first_waits_for, refuse, size, unpicklable
+from tasks import blocked_signals, die, refuse, size, unpicklable
 
 from experiments.cli import options, running
 from experiments.runs.environment import THREADS, environment, one_thread_each
@@ -86,10 +85,6 @@ def test_whatever_fails_the_outcomes_are_kept(run, capsys, error):
     assert f"The runs done so far are in {run.file}; run again with --resume" in capsys.readouterr().err
     assert run.collect(batches(OUTCOMES[4:]), 6, done=run.done()) == OUTCOMES
     assert run.done() == OUTCOMES
-
-
-def test_no_worker_waits_for_a_slow_first_task(run, tmp_path):
-    assert Workers(2).collected(partial(first_waits_for, 6, tmp_path), range(7), run)[0]
 
 
 NAMES = (*THREADS, "MUJOCO_GL")
