@@ -57,9 +57,9 @@ def described(value: Any) -> str:
     """A value for messages: itself if it is plain, else its type."""
     if shape := getattr(value, "shape", ()):
         return f"an array {tuple(shape)} of {getattr(value, 'dtype', 'no numbers')}"
-    plain = isinstance(value, str | PathLike | Real | list | tuple | dict | None)
-    text = short(repr(value)) if plain else f"an object of type {type(value).__name__}"
-    return " ".join(text.split())
+    if not isinstance(value, str | PathLike | Real | list | tuple | dict | None):
+        return f"an object of type {type(value).__name__}"
+    return " ".join(short(str(value) if isinstance(value, Real) else repr(value)).split())
 
 
 def near(name: Any, choices: Iterable[str], others: int = 8) -> str:
@@ -100,7 +100,7 @@ def checked_deviations(
         largest = most.get(name, HUGE)
         if value is not False and not (is_number(value) and 0 <= value <= largest):
             limit = f"; the largest is {largest:g}" if is_number(value) and value > largest else ""
-            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {quoted(value)}{limit}.")
+            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {described(value)}{limit}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 
@@ -195,11 +195,6 @@ def check_holdout(value: Any) -> None:
 def is_number(value: Any) -> bool:
     """True for real numbers, except True and False."""
     return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def quoted(value: Any) -> str:
-    """The value as `short` has it, texts in quotes: "3" is no number."""
-    return short(repr(value) if isinstance(value, str) else value)
 
 
 def short(value: Any) -> str:

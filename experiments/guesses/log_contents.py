@@ -1,6 +1,6 @@
 """The contents of a log before any mapping: layout of text, column of times, and columns of numbers at common times."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -18,7 +18,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.files.table import FAR, TRUE, Table, is_number
 from ident.recordings.entries import clocks, counted, taken
-from ident.recordings.faults import rate_factors, with_continuous_angles
+from ident.recordings.faults import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.several_clocks import files_of, name_of, read_files
 from ident.recordings.times import GAP, TIME, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
@@ -67,7 +67,7 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
         LogError: There are too few samples, no column increases, or several do and none is named like times.
     """
     check_samples(len(table.rows))
-    columns, _ = _numbers(table)
+    columns, unread = _numbers(table)
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if _is_named_time(name)]
@@ -77,10 +77,11 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
     if not candidates:
-        faults = [f": {_fault_of_times(table, name)}" for name in table.cells if _is_named_time(name)]
+        meant = next((name for name in table.cells if _is_named_time(name)), None)
+        why = f", of {listed(columns)}" if meant is None else f": {_fault_of_times(table, meant, columns, unread)}"
         raise LogError(
-            f"no column of it grows as times do{(faults or [f', of {listed(columns)}'])[0]}; a log needs one, or "
-            "--rate HZ; still poses need none where the columns file has poses = true."
+            f"no column of it grows as times do{why}; a log needs one, or --rate HZ; still poses need none where the "
+            "columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact
@@ -100,9 +101,8 @@ def _is_named_time(name: str) -> bool:
     return words(name).kind == "time" or words(name).unit in UNITS["time"]
 
 
-def _fault_of_times(table: Table, name: str) -> str:
+def _fault_of_times(table: Table, name: str, columns: Mapping[str, np.ndarray], unread: Mapping[str, str]) -> str:
     """Reason for which a column that is named like times has none."""
-    columns, unread = _numbers(table)
     if name in unread:
         return unread[name].rstrip(".")
     empty, back = np.isnan(columns[name]), np.diff(columns[name], prepend=-np.inf) < 0
@@ -189,7 +189,7 @@ class LogContents:
 
     def rate_factor(self, x: np.ndarray, rate: str) -> float:
         """Factor of a column to the derivative of a quantity (N,); 0 if they are hardly correlated."""
-        return float(rate_factors(self.time, x[:, None], self.columns[rate][:, None])[0, 0])
+        return rate_factor(self.time, x, self.columns[rate])
 
     def are_rates(self, positions: Sequence[str], rates: Sequence[str]) -> np.ndarray:
         """True where columns may be derivatives of others, in any unit and of either sign (k, l)."""

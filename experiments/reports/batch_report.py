@@ -173,7 +173,8 @@ def document(
     sentence, doubt = ("", "") if agreed is None else verdict(fitted, agreed, bodies)
     logs = number_of(len(outcomes), "log")
     count = f"{logs}: {', '.join(counts)}, {len(failed)} failed."
-    doubts = [({"Copies": "Copies of a log"}.get(doubt, "Logs differ"), sentence)] if doubt else []
+    title = "Copies of a log" if doubt == "Copies" else "Logs differ"
+    doubts = [(title, sentence)] if doubt else []
     doubts += [(f"{x.log} failed", f"{x.log} failed: {x.error.removeprefix(f'{x.log}: ')}") for x in failed]
     outcome = "not" if doubt else "usable" if all(each.verdict == "usable" for each in outcomes) else "partly"
     headline = None if agreed is None else Headline(doubt or "Agree", count, outcome)

@@ -14,7 +14,7 @@ from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import applied, coAd, hat, inverse
 from ident.judgement import model_fit
-from ident.judgement.torque_checks import TorqueChecks, moved_bodies, torque_checks
+from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
@@ -168,13 +168,14 @@ def check_base(
     Returns:
         The best of them; None if it is not far better than the base's.
     """
-    poses, rest = tree.poses(q[None])[0], set(range(len(tree.bodies))) - moved_bodies(tree)
+    poses = tree.poses(q[None])[0]
     in_base, known = predicted @ coAd(frame).T, np.isfinite(measured).all(axis=0)
 
     def error(T: np.ndarray) -> float:
         return _size((measured - in_base @ coAd(inverse(T @ frame)).T) / _scale(predicted), known)
 
-    stated, others = error(np.eye(4)), [i for i in sorted(rest) if not np.allclose(poses[i], np.eye(4), atol=1e-6)]
+    stated, rest = error(np.eye(4)), (i for i in range(len(poses)) if i not in tree.moved)
+    others = (i for i in rest if not np.allclose(poses[i], np.eye(4), atol=1e-6))
     checks = [BaseCheck(tree.names[i], stated, error(poses[i])) for i in others]
     best = min(checks, key=lambda check: check.error_there, default=None)
     return best if best is not None and best.error_there < FAR_BETTER * stated else None

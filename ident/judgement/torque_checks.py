@@ -18,7 +18,6 @@ from ident.estimation.samples import Samples
 from ident.judgement.residuals import coefficients, correlated_samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.mechanism.tree import Tree
 from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
@@ -115,10 +114,10 @@ class TorqueChecks(NamedTuple):
         return bool(self.gains) or any(check.flipped for check in self.joints)
 
 
-def inner_samples(prepared: Prepared, most: int = 4000) -> Samples:
-    """Samples of a recording, evenly spread, at most about so many, without its ends."""
+def inner_samples(prepared: Prepared) -> Samples:
+    """Samples of a recording, evenly spread, at most about 4000, without its ends."""
     number = len(prepared.samples)
-    return prepared.samples[slice(prepared.edge, number - prepared.edge, max(1, number // most))]
+    return prepared.samples[slice(prepared.edge, number - prepared.edge, max(1, number // 4000))]
 
 
 def torque_checks(prepared: Prepared) -> TorqueChecks | None:
@@ -203,15 +202,9 @@ def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -
 def _mounted(mechanism: Mechanism) -> Iterator[int]:
     """Yields bodies with mass that are fixed to a moving one, such as tools, and may have been absent."""
     tree = mechanism.tree
-    moved = moved_bodies(tree)
     for i, mass in zip(tree.inertial, mechanism.known[::10], strict=True):
-        if i in moved and not tree.bodies[i].moves and mass > 0:
+        if i in tree.moved and not tree.bodies[i].moves and mass > 0:
             yield i
-
-
-def moved_bodies(tree: Tree) -> set[int]:
-    """Indices of the bodies that do not rest in the base: those that joints move, and what these carry."""
-    return {k for i, body in enumerate(tree.bodies) if body.moves for k in tree.carried(i)}
 
 
 def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:

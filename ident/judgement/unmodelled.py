@@ -21,7 +21,6 @@ from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
-from ident.judgement.torque_checks import moved_bodies
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
 from ident.model.inverse_dynamics import inverse_dynamics
@@ -92,7 +91,7 @@ class HypothesisFit:
         """Yields kind and body of each hypothesis, and its `error`."""
         equations, motions = self.equations, (self.fitted.motion, self.judged.motion)
         tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
-        phi, moved = _bodies(equations, self.values), moved_bodies(tree)
+        phi = _bodies(equations, self.values)
         stated = [_channels(equations, gravity, phi, motion) for motion in motions]
         for i, body in enumerate(tree.bodies):
             if body.moves and body.parent != BASE and body.home[:3, 3].any():
@@ -100,7 +99,7 @@ class HypothesisFit:
                 yield ("length", body.name), self.error([_length(equations, phi, i, *pair) for pair in pairs])
         for k, i in enumerate(tree.inertial):
             # What pulls rests in the base's axes.
-            if i in moved and phi[10 * k] and all(motion.base is None for motion in motions):
+            if i in tree.moved and phi[10 * k] and all(motion.base is None for motion in motions):
                 yield ("force", tree.names[i]), self.error([_force(equations, k, i, motion) for motion in motions])
 
 

@@ -96,6 +96,11 @@ class Tree:
         return tuple(i for i, body in enumerate(self.bodies) if body.coordinates)
 
     @cached_property
+    def moved(self) -> frozenset[int]:
+        """Indices of the bodies that do not rest in the base: those that joints move, and what these carry."""
+        return frozenset(k for i, body in enumerate(self.bodies) if body.moves for k in self.carried(i))
+
+    @cached_property
     def inertial(self) -> tuple[int, ...]:
         """Indices of the b bodies with a φ, in the order of the regressor's columns."""
         return tuple(i for i, body in enumerate(self.bodies) if not body.massless)

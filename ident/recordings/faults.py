@@ -304,12 +304,17 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
         x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
         if x is None or dx is None:
             continue
-        factor = float(rate_factors(recording.time, x[:, None], dx[:, None])[0, 0])
+        factor = rate_factor(recording.time, x, dx)
         if any(0.8 < abs(factor) / suspected < 1.25 for suspected in (180 / np.pi, np.pi / 180)):
             raise LogError(
                 f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of them is "
                 f"in degrees; map it with its unit under [joints.{joint}]."
             )
+
+
+def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
+    """Factor of dx to the derivative of x; 0 if the two are hardly correlated."""
+    return float(rate_factors(time, x[:, None], dx[:, None])[0, 0])
 
 
 def rate_factors(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> np.ndarray:

@@ -63,8 +63,8 @@ def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnM
             columns.pop(f"joints.{joint}.{kind}", None)
         own, of_leader = columns.pop(f"joints.{joint}.torque", Columns(("",))), _of(columns, lead.joint, "torque")
         if own.read and len(lead.coefficients) == 2:
-            weights = float(bool(of_leader.read)), lead.coefficients[1]
-            columns[f"joints.{lead.joint}.torque"] = combined(weights, (of_leader, own))
+            of_own = 1.0 if of_leader.read else 0.0
+            columns[f"joints.{lead.joint}.torque"] = combined((of_own, lead.coefficients[1]), (of_leader, own))
     return replace(mapping, columns=columns, followers=followers)
 
 

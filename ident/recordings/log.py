@@ -33,7 +33,7 @@ MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`
 """Advice for a file of markers where joint angles are needed."""
 
 MappingSource = str | Path | Mapping[str, Any] | None
-"""What states a mapping of columns: a file's path, its content, or nothing."""
+"""Path of a columns file, or its content; None to find columns by their names alone."""
 
 
 @typed("path", "columns")

@@ -241,9 +241,10 @@ class Recording(Brief):
         for k, joint in commanded.items():
             out[:, k] = self.servos[joint].kp * self._acting(f"{joint}_command")
         out = out if cutoff is None else low_pass(out, self.rate, cutoff)
-        for k, joint in commanded.items():
-            servo = self.servos[joint]
-            out[:, k] -= servo.kp * tree.freedom_coordinates(motion.q)[:, k] + servo.kv * motion.dq[:, k]
+        if commanded:
+            kp, kv = np.array([(self.servos[joint].kp, self.servos[joint].kv) for joint in commanded.values()]).T
+            own = [*commanded]
+            out[:, own] -= kp * tree.freedom_coordinates(motion.q)[:, own] + kv * motion.dq[:, own]
         return out
 
     def _acting(self, channel: str) -> np.ndarray:
@@ -316,10 +317,9 @@ class Recording(Brief):
         names = [name for name in self.wrenches if name not in without]
         ground = self.wrench(GROUND) if GROUND in names or self.is_held(tree) else None
         contacts = [self.wrench(name) for name in names if name != GROUND]
-        q, base = (
-            (self.of_joints(tree.joints, "position"), self.base) if motion is None else (motion.q, motion.base_poses)
-        )
-        return total_wrench(tree, q, ground, contacts, base=base)
+        if motion is None:
+            return total_wrench(tree, self.of_joints(tree.joints, "position"), ground, contacts, base=self.base)
+        return total_wrench(tree, motion.q, ground, contacts, base=motion.base_poses)
 
     def poses(self, body: str) -> np.ndarray:
         """Pose of a body in the base frame (N, 4, 4)."""
