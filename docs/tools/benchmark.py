@@ -63,16 +63,11 @@ class Effort:
     Attributes:
         seconds: Shortest time of a comparison, s.
         least: Smallest number of repetitions.
-        most: Largest number of repetitions.
         sizes: Numbers of samples.
-        solved: Largest N b for which the whole identification is compared; np.linalg.lstsq takes minutes and gigabytes
-            beyond.
         streamed: Samples of a stream.
-        piece: Samples in a piece of a stream.
         trials: Number of Monte Carlo trials.
         samples: Samples of each trial.
         bodies: Numbers of bodies of arms.
-        links: Largest number of such bodies times samples.
         linearised: Samples of a linearised recording.
     """
 
@@ -84,10 +79,6 @@ class Effort:
     samples: int = paper.SAMPLES
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
     linearised: int = 200
-    most: int = 51
-    solved: int = 1_000_000
-    piece: int = 100_000
-    links: int = 30_000
 
 
 QUICK = Effort(0.01, 3, (100, 300), 5000, 2, 50, (3, 10), 50)
@@ -100,7 +91,7 @@ def alternating(ways: Sequence[Way], effort: Effort) -> np.ndarray:
         way()
     rounds: list[list[float]] = []
     start = time.perf_counter()
-    while len(rounds) < effort.least or (time.perf_counter() - start < effort.seconds and len(rounds) < effort.most):
+    while len(rounds) < effort.least or (time.perf_counter() - start < effort.seconds and len(rounds) < 51):
         rounds.append([_timed(way) for way in ways])
     return np.array(rounds)
 
@@ -167,7 +158,8 @@ def on_mechanisms(effort: Effort) -> Iterator[Row]:
             AGAIN: (partial(mechanism.regressor, samples, out=mechanism.regressor(samples)), loop),
             ACCUMULATION: (partial(accumulate, mechanism.equations, samples), loop),
         }
-        if number * len(mechanism.tree.bodies) <= effort.solved:
+        # np.linalg.lstsq takes minutes and gigabytes beyond.
+        if number * len(mechanism.tree.bodies) <= 1_000_000:
             pairs[ALL_COLUMNS] = own, lambda loop=loop, w=measured: solved(loop(), w)  # type: ignore[misc]
             pairs[BASE_COLUMNS] = own, lambda loop=loop, w=measured, k=kept: solved(loop(), w, k)  # type: ignore[misc]
         for task, pair in pairs.items():
@@ -187,7 +179,7 @@ def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
 def of_arms(effort: Effort) -> Iterator[Row]:
     """The regressor of arms of increasing length; so few samples do not determine their parameters."""
     for bodies in effort.bodies:
-        arm, number = subject(CHAIN, subjects.chain(bodies)), min(effort.sizes[-2], effort.links // bodies)
+        arm, number = subject(CHAIN, subjects.chain(bodies)), min(effort.sizes[-2], 30_000 // bodies)
         motion = Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1)))
         samples, peer = Samples(motion, np.zeros((number, 6))), Pinocchio(arm.tree, STANDARD_GRAVITY)
         pair = (
@@ -201,7 +193,8 @@ def of_pieces(effort: Effort) -> Iterator[Row]:
     """Accumulation of pieces in memory beside the loop, which fills a matrix for one piece at a time."""
     pendulum = double_pendulum()
     samples, peer = pendulum.samples(effort.streamed), Pinocchio(pendulum.tree, STANDARD_GRAVITY)
-    pieces = [samples[k : k + effort.piece] for k in range(0, effort.streamed, effort.piece)]
+    length = 100_000
+    pieces = [samples[k : k + length] for k in range(0, effort.streamed, length)]
     states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:

@@ -193,10 +193,11 @@ def loaded_arm() -> mujoco.MjSpec:
     return spec
 
 
-def save_log(path: Path, samples: int = 1200, seed: int = 2) -> None:
+def save_log(path: Path) -> None:
     """Writes angles, torques and the wrench of the plate at 100 Hz, along sums of sinusoids, as a controller would."""
-    motion = sinusoids(np.random.default_rng(seed), 4, samples / 100)
-    log = simulate(loaded_arm(), motion, samples=samples, seed=seed)
+    seconds, seed = 12, 2
+    motion = sinusoids(np.random.default_rng(seed), 4, seconds)
+    log = simulate(loaded_arm(), motion, samples=100 * seconds, seed=seed)
     columns, formats = {"time": log.time}, ["%.2f"]
     for name, values in log.measured.items():
         kind = name.rpartition("_")[2]

@@ -83,12 +83,10 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
     return _drawn("parameters", shown, [*known], total, [*kinds.values()], *_rows([*bodies]))
 
 
-def coverage(errors: Mapping[str, np.ndarray], what: str, beyond: int = 2) -> str:
-    """A row for each name, with a dot for each parameter: `what`, an error or difference, over half of its interval.
-
-    Dots from `beyond` on are at the end of the axis.
-    """
-    shown = {}
+def coverage(errors: Mapping[str, np.ndarray], what: str) -> str:
+    """A row for each name, with a dot for each parameter: `what`, an error or difference, over half of its interval."""
+    # Dots from twice that on are at the end of the axis.
+    shown, beyond = {}, 2
     for name, own in errors.items():
         # From the middle on by the golden ratio, which spreads any number of dots.
         apart = (0.5 + 0.618 * np.arange(len(own))) % 1 - 0.5
@@ -97,18 +95,16 @@ def coverage(errors: Mapping[str, np.ndarray], what: str, beyond: int = 2) -> st
     return _drawn("coverage", shown, beyond, what)
 
 
-def curves(
-    time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]], wide: int = 300, high: int = 78
-) -> str:
-    """A panel of so many pixels for each title, with what was measured and what is predicted.
+def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
+    """A panel for each title, with what was measured and what is predicted.
 
     Args:
         time: Times (N,), s; NaN where curves are interrupted.
         panels: Measured and predicted values (N,) by title.
-        wide: Width of the curves, pixels.
-        high: Their height, pixels.
     """
     start, end = np.nanmin(time), np.nanmax(time)
+    # Pixels.
+    wide, high = 300, 78
     x, shown = wide * (time - start) / max(end - start, 1e-12), {}
     for title, pair in panels.items():
         low, top = np.nanmin(pair), np.nanmax(pair)
@@ -143,8 +139,8 @@ def _rows(names: Sequence[str]) -> tuple[list[float], float, list[str]]:
     return [head + step * (k + 0.5) for k in range(len(names))] or [head], step, labels
 
 
-def labels_of(names: Sequence[str], letters: int = 15) -> list[str]:
-    """Names in words, without a last one that all share, and those of more letters without their middle.
+def labels_of(names: Sequence[str]) -> list[str]:
+    """Names in words, without a last one that all share, and those of more than 15 letters without their middle.
 
     >>> labels_of(["shoulder_pan_joint", "shoulder_lift_joint", "a_joint_of_many_words_joint"])
     ['shoulder pan', 'shoulder lift', 'a joint…y words']
@@ -152,7 +148,7 @@ def labels_of(names: Sequence[str], letters: int = 15) -> list[str]:
     words = [name.replace("_", " ").split(" ") for name in names]
     shared = len(names) > 1 and all(len(each) > 1 for each in words) and len({each[-1] for each in words}) == 1
     texts = [" ".join(each[:-1] if shared else each) for each in words]
-    return [text if len(text) <= letters else f"{text[: letters // 2]}…{text[-(letters // 2) :]}" for text in texts]
+    return [text if len(text) <= 15 else f"{text[:7]}…{text[-7:]}" for text in texts]
 
 
 def _drawn(kind: str, *given: Any) -> str:

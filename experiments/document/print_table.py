@@ -83,12 +83,12 @@ class Column:
         return size.letter * widest + size.gap
 
 
-def lines_of(head: str, letters: int = 10) -> list[str]:
-    """Lines of a head, split before brackets and after commas; longer ones are broken in the middle, at a space."""
+def lines_of(head: str) -> list[str]:
+    """Lines of a head, split before brackets and after commas; those of more than ten letters are broken at spaces."""
     lines = []
     for k, part in enumerate(re.split(r", | (?=\()", head)):
         words = (capital(part) if k == 0 else part).split(" ")
-        while len(" ".join(words)) > letters and len(words) > 1:
+        while len(" ".join(words)) > 10 and len(words) > 1:
             cut = min(range(1, len(words)), key=lambda n: abs(len(" ".join(words[:n])) - len(" ".join(words[n:]))))
             lines.append(" ".join(words[:cut]))
             words = words[cut:]

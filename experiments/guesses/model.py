@@ -63,8 +63,8 @@ class ComparedModel:
     levels: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, belief: Belief, candidates: Iterable[str] = (), most: int = 300) -> "ComparedModel":
-        """The model beside a log, at some samples; the cut-off suits the known positions and the candidates.
+    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "ComparedModel":
+        """The model beside a log, at 300 samples; the cut-off suits the known positions and the candidates.
 
         Raises:
             InputError: There are too few samples for a filter.
@@ -74,7 +74,7 @@ class ComparedModel:
         x, rate = log.table(names), log.rate
         cutoff = chosen_cutoff(x, rate)
         edge = min(int(SETTLING * rate / cutoff), len(x) // 10)
-        taken = np.unique(np.linspace(edge, len(x) - 1 - edge, most).astype(int))
+        taken = np.unique(np.linspace(edge, len(x) - 1 - edge, 300).astype(int))
         states = np.stack(smoothed(x, rate, cutoff))[:, taken]
         levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in log.columns.items()}
         return cls(belief, {name: states[:, :, k] for k, name in enumerate(names)}, levels)

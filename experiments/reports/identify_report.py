@@ -176,11 +176,10 @@ def first_lines(cards: Sequence[Card]) -> list[str]:
     return [_remark(card.text, 112, card.doubt) for card in cards[:FIRST]]
 
 
-def verbose(made: Document, result: Estimate, most: int = 8, channels: int = 12) -> str:
-    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest.
-
-    With so many remarks and channels, or bodies, an arm takes 40 lines, four legs of twelve joints 50.
-    """
+def verbose(made: Document, result: Estimate) -> str:
+    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest."""
+    # With so many remarks, and channels or bodies, an arm takes 40 lines, four legs of twelve joints 50.
+    most, channels = 8, 12
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
     notes = result.prepared.notes
     hidden = {"more remark": len(remarks) - most, "more note": len(notes) - most}

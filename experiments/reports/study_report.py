@@ -109,11 +109,12 @@ def other_lines(curves: Iterable[str], without: str = "") -> list[figures.Line]:
     return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn if what != without]
 
 
-def running_rms(x: np.ndarray, window: int = 25) -> np.ndarray:
-    """RMS of up to so many samples around each, by default a quarter of a second (N, 6)."""
+def running_rms(x: np.ndarray) -> np.ndarray:
+    """RMS of up to 25 samples around each, a quarter of a second (N, 6)."""
+    half = 25 // 2
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(x**2, axis=0)])
     middle = np.arange(len(x))
-    first, last = np.maximum(middle - window // 2, 0), np.minimum(middle + window // 2 + 1, len(x))
+    first, last = np.maximum(middle - half, 0), np.minimum(middle + half + 1, len(x))
     return np.sqrt(np.maximum(sums[last] - sums[first], 0) / (last - first)[:, None])
 
 

@@ -269,8 +269,9 @@ def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]
     return [(kind, freedoms.index(freedom)) for kind, freedom in map(column_place, drives)]
 
 
-def random_motion(mechanism: Mechanism, number: int = 200) -> Motion:
-    """Random states at which columns are compared, with loops closed."""
+def random_motion(mechanism: Mechanism) -> Motion:
+    """200 random states at which columns are compared, with loops closed."""
+    number = 200
     rng, tree = np.random.default_rng(0), mechanism.tree
     q, dq, ddq = rng.uniform(-1, 1, size=(3, number, len(tree.freedoms)))
     closed = tree.closure.drawn(rng, number) if tree.closure else {}

@@ -75,13 +75,11 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
     return [line(heads), *map(line, rows)]
 
 
-def first_parameters(
-    parameters: Sequence[Parameter], undetermined: Collection[str], most: int = 30
-) -> tuple[list[Parameter], str]:
-    """The first determined parameters of each kind, and a sentence on the others, "" for none."""
+def first_parameters(parameters: Sequence[Parameter], undetermined: Collection[str]) -> tuple[list[Parameter], str]:
+    """The first 30 determined parameters of each kind, and a sentence on the others, "" for none."""
     every = [each for each in parameters if each.name not in undetermined]
     kinds = dict.fromkeys(each.kind for each in every)
-    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:most]]
+    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:30]]
     left = len(parameters) - len(out)
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
 
@@ -97,9 +95,9 @@ def undetermined_sentence(names: Sequence[str], joints: Iterable[str]) -> str:
     )
 
 
-def _short(regrouping: str, letters: int = 40) -> str:
-    """The regrouping, or its beginning if it is long."""
-    return regrouping if len(regrouping) <= letters else f"{regrouping[: letters - 2]} …"
+def _short(regrouping: str) -> str:
+    """The regrouping, or its beginning if it has more than 40 letters."""
+    return regrouping if len(regrouping) <= 40 else f"{regrouping[:38]} …"
 
 
 def summary_text(headline: str, parameters: Iterable[Parameter], sentences: Iterable[str]) -> str:

@@ -43,7 +43,7 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     return np.array(times)
 
 
-def explained_by_motion(residual: np.ndarray, motion: Motion, most: int = 3000) -> np.ndarray:
+def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     """Share of each residual's variance that a function of q, q̇ and q̈ explains, beyond chance (C,).
 
     It is linear in them, sines and cosines of q, or quadratic, whichever explains more beyond chance. Of a stationary
@@ -60,9 +60,9 @@ def explained_by_motion(residual: np.ndarray, motion: Motion, most: int = 3000) 
     Args:
         residual: Residuals (N, C).
         motion: The motion.
-        most: Largest number of samples that are used, evenly spread.
     """
-    thin = slice(None, None, -(-len(residual) // most))
+    # At most 3000 samples, evenly spread.
+    thin = slice(None, None, -(-len(residual) // 3000))
     r = residual[thin] - residual[thin].mean(axis=0)
     spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
     own = motion[thin]

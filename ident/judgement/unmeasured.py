@@ -91,24 +91,17 @@ def _by_splines(prepared: Prepared) -> Prepared:
     return replace(prepared, samples=replace(prepared.samples, motion=motion))
 
 
-def _heavier(
-    needed: np.ndarray,
-    carried: np.ndarray,
-    weight: float,
-    most: float = 1.6,
-    agreeing: float = 0.15,
-    close: float = 2.0,
-) -> float | None:
+def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
     """Ratio of the mechanism's mass to its model's by the samples that agree; None if too few do.
 
     Args:
         needed: Support that the model predicts, N (N,).
         carried: Support that is measured, N (N,).
         weight: The model's weight, N.
-        most: Largest factor by which a mechanism is heavier or lighter than its model.
-        agreeing: Part of the samples that must agree.
-        close: Largest spread of the samples that agree, over that of those that agree best.
     """
+    # Largest factor by which a mechanism is heavier or lighter than its model; part of the samples that must agree, and
+    # their largest spread over that of those that agree best.
+    most, agreeing, close = 1.6, 0.15, 2.0
     standing = needed > weight / 2
     ratio = np.sort(carried[standing] / needed[standing])
     ratio = ratio[(ratio > 1 / most) & (ratio < most)]

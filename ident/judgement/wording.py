@@ -69,14 +69,14 @@ def listed(names: Iterable[str], what: str = "") -> str:
     return f"{len(every)} {what}" if what and len(every) > NAMED else ", ".join(every)
 
 
-def named(names: Sequence[str], most: int = 8) -> str:
-    """Names with commas between them, the first ones of more, and the number of others.
+def named(names: Sequence[str]) -> str:
+    """Names with commas between them, the first eight of more, and the number of others.
 
     >>> named("abc"), named("abcdefghij")
     ('a, b, c', 'a, b, c, d, e, f, g, h and 2 others')
     """
-    others = len(names) - most
-    return ", ".join(names[:most]) + (f" and {number_of(others, 'other')}" if others > 0 else "")
+    others = len(names) - 8
+    return ", ".join(names[:8]) + (f" and {number_of(others, 'other')}" if others > 0 else "")
 
 
 def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:

@@ -98,7 +98,6 @@ def filtered_least_squares(
     prior: tuple[np.ndarray, np.ndarray],
     *,
     others: bool = False,
-    most: int = 5000,
 ) -> FilteredLeastSquares:
     """Least squares at the cut-off at which halves of the fitted samples predict each other best.
 
@@ -108,10 +107,10 @@ def filtered_least_squares(
         equations: Channels and columns.
         prior: Mean of ψ and drives and its precision, zero where nothing is known (r + d,), (r + d, r + d).
         others: True if the recordings to predict are the fitted ones, each predicted from the others.
-        most: Largest number of samples of each fit, evenly spread: enough to compare cut-offs.
     """
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
-    thin = max(1, round(length(fitted) / most))
+    # Some 5000 samples, evenly spread, are enough to compare cut-offs.
+    thin = max(1, round(length(fitted) / 5000))
     halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
     best, values = list[float | None](), list[np.ndarray]()
     for k in range(len(judged) if others else 1):

@@ -121,9 +121,7 @@ def scaled_model(
     return out
 
 
-def scaling(
-    marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0, *, frames: int = 40
-) -> Scaling:
+def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0) -> Scaling:
     """Estimates factors of lengths from the markers of a trial.
 
     Args:
@@ -131,14 +129,14 @@ def scaling(
         measured: Positions in the model's world, NaN where a marker is missing, m (N, M, 3).
         groups: Names of the bodies that share each factor.
         mass: Factor on all masses.
-        frames: Largest number of frames that are used, evenly over the trial.
 
     Raises:
         InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor with any lengths, as with wrong
             labels, units or model.
     """
     model, factors = marked.model, np.ones(len(groups))
-    x = measured[np.unique(np.linspace(0, len(measured) - 1, frames).round().astype(int))]
+    # At most 40 frames, evenly over the trial.
+    x = measured[np.unique(np.linspace(0, len(measured) - 1, 40).round().astype(int))]
     qpos = np.array([posture.qpos for posture in plain_fits(marked, x)])
     for _ in range(30):
         now = fit_trial(marked.with_lengths(scaled_model(model, groups, factors)), x, qpos)

@@ -264,15 +264,15 @@ class Walls:
         each = 0.03 / self.maps.shape[1]
         return each * value, each * np.einsum("gj,jgw->jw", slope, self.maps)
 
-    def shrunk(self, x: np.ndarray, postures: int = 6) -> np.ndarray | None:
-        """The motion shrunk about the best of some of its postures until it avoids all walls (n, w), or None."""
+    def shrunk(self, x: np.ndarray) -> np.ndarray | None:
+        """The motion shrunk about the best of six of its postures until it avoids all walls (n, w), or None."""
         q, clearance = self._positions(x), self.collisions.clearance
         free = q[self.collisions.depth(q, THICK * clearance) == 0]
         # Postures with the largest distances first, by the depth below `FAR`.
         free = free[np.argsort(self.collisions.depth(free, FAR * clearance), kind="stable")]
-        roomy = free[: max(postures, len(free) // 2)]
+        roomy = free[: max(6, len(free) // 2)]
         best, largest = None, 0.0
-        for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, postures).astype(int))] if len(roomy) else ():
+        for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, 6).astype(int))] if len(roomy) else ():
             center = np.zeros_like(x)
             center[:, 0] = (posture - self.middle) / self.half_range
             part = self._part(x, center)

@@ -211,18 +211,17 @@ def random_start(
     return replace(swing, center=inside)
 
 
-def nearby_start(
-    motion: FourierTrajectory, limits: Limits, rng: np.random.Generator, spread: float = 0.8
-) -> FourierTrajectory:
+def nearby_start(motion: FourierTrajectory, limits: Limits, rng: np.random.Generator) -> FourierTrajectory:
     """A random motion near another one, inside the limits.
 
     Args:
         motion: The other motion.
         limits: The limits.
         rng: Generator of the differences.
-        spread: Their standard deviation, relative to the root mean square of each joint's coefficients, and for the
-            centre to a quarter of the joint's range.
     """
+    # Standard deviation relative to the root mean square of each joint's coefficients, and for the centre to a quarter
+    # of the joint's range.
+    spread = 0.8
     center = motion.center + spread / 2 * limits.half_range * rng.normal(size=len(motion.center))
     swing = np.sqrt(np.mean(motion.coefficients**2, axis=1, keepdims=True))
     coefficients = motion.coefficients + spread * swing * rng.normal(size=motion.coefficients.shape)

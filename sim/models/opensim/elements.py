@@ -248,22 +248,17 @@ class Curve:
         low, high = sorted((end - constant) / slope for end in span)
         return low, high
 
-    def fitted(self, low: float, high: float, nodes: int = 200, most: int = 9) -> tuple[Polynomial, float]:
-        """The approximating polynomial over a range, and its largest error there.
-
-        Args:
-            low: Lower end of the range.
-            high: Upper end.
-            nodes: Number of points to which polynomials are fitted; their errors are evaluated at five times as many.
-            most: Largest degree.
-        """
+    def fitted(self, low: float, high: float) -> tuple[Polynomial, float]:
+        """The approximating polynomial over a range, of degree nine at most, and its largest error there."""
         if self.exact is not None:
             return self.exact, 0.0
+        # Errors are evaluated at five times as many points as polynomials are fitted to.
+        nodes = 200
         at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
         x = np.linspace(low, high, 5 * nodes + 1)
         values, there = self.evaluated(x), self.evaluated(at)
         best: tuple[Polynomial, float] | None = None
-        for degree in range(most + 1):
+        for degree in range(10):
             fit = Chebyshev.fit(at, there, degree, domain=[low, high]).convert(kind=Polynomial)
             error = float(abs(fit(x) - values).max())
             best = (fit, error) if best is None or error < best[1] else best
