@@ -21,12 +21,14 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.linalg import lapack
 
-from ident.errors import InputError
+from ident.errors import ExcitationError, InputError
 from ident.estimation.equations import Equations
-from ident.estimation.noise import remembered
+from ident.estimation.noise import channel_scales, remembered
 from ident.estimation.samples import Samples
+from ident.files.table import listed
 from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
+from ident.tolerances import CONDITION_LIMIT, ZERO_COLUMN
 
 INPUTS = 2**20
 """Bytes of inputs per call of compiled code, which takes `CHUNK` samples at least."""
@@ -52,6 +54,15 @@ LAPACK_BLOCK = 32
 APART, TOO_CLOSE = 0.1, 0.01
 """Squared distance of a column from the span of those before it, relative to its square: the least with which it is
 kept unchanged in the coordinates, and the value below which the coordinates are renewed."""
+
+INDEPENDENT = 1e-6
+"""Distance of a unit-norm column from the span of others below which it depends on them."""
+
+MIXED = 1e-3
+"""Coefficient of a unit-norm column in another from which the one takes up the other."""
+
+MOSTLY = 0.5
+"""Share of a parameter in combinations that the motion does not separate from which it is not determined."""
 
 
 class Chunk(NamedTuple):
@@ -349,3 +360,92 @@ def changing(inverse: np.ndarray) -> np.ndarray:
 def inverse_of(factor: np.ndarray) -> np.ndarray:
     """Inverse of a regular upper triangular matrix."""
     return lapack.dtrtri(factor)[0]
+
+
+def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
+    """Singular values of the unit-norm columns, each channel divided by its scale, and an error if some are too small.
+
+    The error names the parameters in combinations that the motion does not separate.
+    """
+    s, directions = _decomposed(equations, samples)
+    hidden = directions[s <= s[0] / CONDITION_LIMIT]
+    if not len(hidden):
+        return s, None
+    names = contributing(hidden, equations.names)
+    return s, ExcitationError(
+        f"In {listed(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+        f"parameters; it does not separate {listed(names)}. Move the joints further (`multicontact excite` "
+        "designs a motion), measure more, or put in what the model knows (--prior on).",
+        names,
+    )
+
+
+def undetermined(equations: Equations, samples: Samples) -> tuple[str, ...]:
+    """Names of the base parameters that lie mostly in combinations which the motion does not separate."""
+    s, directions = _decomposed(equations, samples)
+    hidden = (directions[s <= s[0] / CONDITION_LIMIT] ** 2).sum(axis=0)[: equations.parameters.rank]
+    return tuple(name for name, share in zip(equations.names, hidden, strict=False) if share > MOSTLY)
+
+
+def _decomposed(equations: Equations, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values and right singular vectors of the unit-norm columns, each channel divided by its scale."""
+    scales = channel_scales([samples.measured], equations.channels)
+    weights = np.broadcast_to(1 / scales, samples.measured.shape)
+    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
+    norms = np.linalg.norm(columns, axis=0)
+    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
+    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    return s, directions
+
+
+def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
+    size = np.linalg.norm(hidden, axis=0)
+    return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]
+
+
+def separable(equations: Equations, samples: Samples) -> Equations:
+    """Equations without the drives and offsets whose columns depend on those before them.
+
+    Drives that are left out add to the coefficients that take them up (`absorbed`).
+
+    Raises:
+        InputError: Samples do not fit the equations.
+    """
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
+    mask = independent(columns)
+    kept = dict(zip(equations.names, mask, strict=True))
+    without = replace(
+        equations,
+        drives=tuple(name for name in equations.drives if kept[name]),
+        offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
+    )
+    rank, count = equations.parameters.rank, equations.parameters.rank + len(equations.drives)
+    stays = mask[:count] | (np.arange(count) < rank)
+    if stays.all():
+        return without
+    sizes = np.maximum(np.linalg.norm(columns[:, :count], axis=0), 1e-300)
+    unit, names = columns[:, :count] / sizes, np.array(equations.names[:count])
+    combined = np.linalg.lstsq(unit[:, stays], unit[:, ~stays], rcond=INDEPENDENT)[0]
+    units = combined.T * sizes[~stays, None] / sizes[stays]
+    absorbed = {name: each[stays] + each[~stays] @ units for name, each in equations.absorbed.items()}
+    absorbed |= dict(zip(names[~stays].tolist(), units, strict=True))
+    takes = {*names[stays][(np.abs(combined) > MIXED).any(axis=1)].tolist(), *equations.mixed}
+    of_motors = tuple(f"({motor})" for motor in equations.axes.motors)
+    mixed = (name for name in without.drives if name in takes and name.endswith(of_motors))
+    return replace(without, absorbed=absorbed, mixed=tuple(mixed))
+
+
+def independent(columns: np.ndarray) -> np.ndarray:
+    """Mask of the columns of a matrix (m, k) that are independent of those before them (k,)."""
+    # Not by the diagonal of a triangular factor, which lacks a part of the columns after a dependent one.
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
+    stick_out = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # One pass leaves rounding errors along the others.
+            out = out - basis @ (basis.T @ out)
+        stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if stick_out[k]:
+            basis[:, k] = out / np.linalg.norm(out)
+    return stick_out

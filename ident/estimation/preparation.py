@@ -10,12 +10,12 @@ import numpy as np
 from ident.arguments import checked_names, rpy_text
 from ident.errors import LogError
 from ident.estimation import repairs
+from ident.estimation.accumulator import separable
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.loads import absorbed_note, drives_of, passive_drives, predicted_channels, usual_drives
 from ident.estimation.recorded_motion import check_tracked, motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
-from ident.estimation.separation import separable
 from ident.files.table import BASE
 from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism

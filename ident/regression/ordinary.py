@@ -4,7 +4,7 @@ minimise ‖Y ψ - Γ‖²        in one pass and bounded memory, by `ident.esti
 cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the residuals, in one pass or two
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -15,20 +15,30 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.annotations import typed
-from ident.errors import InputError
+from ident.errors import ExcitationError, InputError
 from ident.estimation import accumulator
-from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.accumulator import Accumulator, accumulate, contributing
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
-from ident.estimation.samples import Samples, even
-from ident.estimation.separation import check_excitation, noise_rows
-from ident.estimation.sources import Source, in_order, pieces
+from ident.estimation.samples import Samples, arrays_of, even, in_order
+from ident.files.table import listed
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters
-from ident.tolerances import ZERO_COLUMN
+from ident.recordings.recording import Recording
+from ident.tolerances import SINGULAR, ZERO_COLUMN
+
+Source = Samples | Recording | Iterable[Samples | Recording]
+"""One piece, or an iterable of pieces that need not fit into memory together."""
 
 PIECE = 65536
 """Samples per piece of work for one worker."""
+
+ABOVE_NOISE = 1.5
+"""Norm of a column combination over that of its noise above which it counts as excited."""
+
+FEW_SAMPLES = 1000
+"""Number of samples by which the noise of the regressor is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +192,115 @@ def least_squares(
     return solve(accumulated, equations, noise)
 
 
+def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
+    """Yields the checked pieces of a source, all with the same columns and types.
+
+    Args:
+        source: Samples or a recording, or an iterable of them.
+        equations: Equations to fit.
+
+    Raises:
+        InputError: A piece does not fit the mechanism or the first one, or there is none.
+    """
+    first: Samples | None = None
+    alone = isinstance(source, Samples | Recording)
+    for k, piece in enumerate([source] if alone else source):  # type: ignore[arg-type]
+        where = "The samples" if alone else f"Piece {k}"
+        if not isinstance(piece, Samples | Recording):
+            raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
+        samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
+        fitting = equations.checked(samples, where)
+        if first is not None:
+            _compare(samples, first, where)
+        first = first or samples
+        yield fitting
+    if first is None:
+        raise InputError("Identification needs at least one piece of samples, got none.")
+
+
+def _of_recording(recording: Recording, tree: Tree) -> Samples:
+    if recording.base is not None:
+        raise InputError("A recording of a moving base needs the base's motion: make Samples with it.")
+    return Samples(Motion(*recording.joint_states(tree.joints)), recording.total_wrench(tree).in_base)
+
+
+def _compare(samples: Samples, first: Samples, where: str) -> None:
+    before = arrays_of(first)
+    for name, x in arrays_of(samples).items():
+        if x.dtype != before[name].dtype:
+            raise InputError(
+                f"{where}: '{name}' is {x.dtype} where the first piece has {before[name].dtype}; all need one type."
+            )
+    optional = {"base": (samples.motion.base, first.motion.base), "covariance": (samples.covariance, first.covariance)}
+    for name, (own, other) in optional.items():
+        if (own is None) != (other is None):
+            raise InputError(f"{where}: either all pieces have '{name}' or none has.")
+
+
 def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
     for piece in stream:
         yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
+
+
+def noise_rows(
+    equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Errors of some rows of the equations due to the noise of the joint states.
+
+    Args:
+        equations: Equations to fit.
+        samples: Measured joint states, of which a few are used.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
+
+    Returns:
+        Rows at states with the noise added once more, less rows at the measured states, whitened where the samples are
+        weighted (rows, columns).
+    """
+    few = samples[:: max(1, len(samples) // FEW_SAMPLES)]
+    rng = np.random.default_rng(0)
+    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(few.motion.states, state_noise, strict=True))
+    noisy = replace(few, motion=Motion(q, dq, ddq, few.motion.base))
+
+    def rows(part: Samples) -> np.ndarray:
+        return np.concatenate([chunk[:-1].reshape(len(chunk) - 1, -1).copy() for chunk in equations.rows(part)], axis=1)
+
+    return (rows(noisy) - rows(few)).T
+
+
+def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
+    """Raises unless the motion separates all parameters.
+
+    The norms of combinations of unit-norm base columns (the singular values) must exceed rounding and, if the
+    regressor's noise is given, `ABOVE_NOISE` times their norm from noise alone: otherwise a joint at rest with noisy
+    sensors would pass for excited.
+
+    Args:
+        root: Square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
+        names: Names of its columns (r,).
+        samples: Number of samples N.
+        noise: Difference between the base regressor at measured states and at states with the sensors' noise added
+            once more, for some samples, 6 rows each (rows, r).
+
+    Raises:
+        ExcitationError: Some combinations are not excited; it names the base parameters in them.
+    """
+    norms = np.linalg.norm(root, axis=0)
+    still = norms <= ZERO_COLUMN * norms.max(initial=0)
+    norms = np.where(still, 1, norms)
+    _, lengths, directions = np.linalg.svd(root / norms)
+    floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
+    if noise is not None:
+        of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
+        floor = np.maximum(floor, ABOVE_NOISE * of_noise)
+    hidden = directions[lengths <= floor]
+    if len(hidden):
+        names = contributing(hidden, names)
+        raise ExcitationError(
+            f"The motion of {samples} samples does not separate the base parameters {listed(names)}: "
+            f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
+            "joints further.",
+            names,
+        )
 
 
 def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:

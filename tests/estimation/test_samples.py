@@ -17,11 +17,10 @@ from slow_pendulum import recorded
 import ident
 from ident.estimation.noise import LEAST, LEAST_OF_POSES, least_noise
 from ident.estimation.preparation import Part, filtered, prepared
-from ident.estimation.samples import arrays_of, even
-from ident.estimation.sources import in_order
+from ident.estimation.samples import arrays_of, even, in_order
+from ident.estimators.least_squares import filtered_least_squares
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.stated import Servo
-from ident.regression.conventional import filtered_least_squares
 from ident.trajectory.late_start import unexplained
 
 TREE = double_pendulum()

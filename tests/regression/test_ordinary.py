@@ -11,13 +11,12 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, rand
 from scipy.signal import lfilter
 
 from ident.errors import ExcitationError
-from ident.estimation.separation import check_excitation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters
 from ident.regression import ordinary as module
-from ident.regression.ordinary import huber_white
+from ident.regression.ordinary import check_excitation, huber_white
 
 STD = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
 CONSTANT = np.diag(STD**2)

@@ -17,12 +17,12 @@ import ident
 import sim
 from ident.estimation.accumulator import remembered_sums
 from ident.estimation.equations import Equations
-from ident.estimation.noise import Sandwich, innovations, remembered
+from ident.estimation.noise import Sandwich, innovations, remembered, spread
 from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
+from ident.estimators.least_squares import _Sums, filtered_least_squares, robust_fit
 from ident.estimators.predictions import Candidate
 from ident.model.axes import Axes
-from ident.regression.conventional import _Sums, filtered_least_squares, robust_fit, spread
 from ident.regression.held_out import HeldOut
 
 TRUE = np.array([2.0, -1.0, 0.5])
@@ -132,7 +132,7 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
     fitted, judged = slice(0, 600), slice(600, 970)
     rank, moving, errors = log.equations.parameters.rank, np.abs(dq[judged]) > 0.2, []
     for slow in (0.1, 0.0):
-        monkeypatch.setattr("ident.regression.conventional.SLOW", slow)
+        monkeypatch.setattr("ident.estimators.least_squares.SLOW", slow)
         known = np.zeros(rank), np.zeros((rank, rank))
         fit = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
         motion = filtered(log, fit.cutoffs[0])[0].motion[log.taken(judged)]
