@@ -1,24 +1,34 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ident.annotations import typed
 from ident.arguments import check_type, near
-from ident.display import text
-from ident.display.brief import listed, short
-from ident.display.numbers import estimate_numbers
-from ident.display.parameters import Groups, Parameter, intervals, parameters_frame, parameters_of
-from ident.display.text import first_parameters, headline, undetermined_sentence
+from ident.display.brief import BodyValue, decimals_of, listed, short
+from ident.display.parameters import (
+    Groups,
+    Parameter,
+    estimate_html,
+    first_parameters,
+    headline,
+    intervals,
+    parameters_frame,
+    parameters_of,
+    summary_text,
+    undetermined_sentence,
+)
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object
+from ident.geometry.inertia import PARAMETERS
 from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
@@ -32,10 +42,14 @@ from ident.recordings.stated import Servo
 from ident.regression.ordinary import Fit
 from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED
+from ident.trajectory.result import TrajectoryEstimate
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+VERSION = 2
+"""Version of the entries; it grows when one is renamed, removed or changes its meaning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,7 +145,7 @@ class Estimate(Evidence):
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
         fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
-        digits = [text.decimals_of(std) or 0 for std in fit.std.tolist()]
+        digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
         rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
         rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
         drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
@@ -244,7 +258,7 @@ class Estimate(Evidence):
             *(f"  {note}" for part in self.logs for note in part.log.notes),
             *(finding.line for finding in self.findings),
         ]
-        return text.summary_text(self._headline, parameters, sentences)
+        return summary_text(self._headline, parameters, sentences)
 
     @property
     def undetermined_sentence(self) -> str:
@@ -275,9 +289,7 @@ class Estimate(Evidence):
         parameters, more = first_parameters(self.parameters, self.undetermined)
         sentences = [more, f"Residual over signal: {self._ratios}"]
         findings = ((each.text, each.doubt) for each in self.findings)
-        return text.estimate_html(
-            self._headline, str(self.verdict()), parameters, sentences, findings, text.PAGES.get(self)
-        )
+        return estimate_html(self._headline, str(self.verdict()), parameters, sentences, findings, PAGES.get(self))
 
     def to_frame(self) -> "pd.DataFrame":
         """All coefficients as a pandas data frame, with 95 % intervals that include the set-up.
@@ -329,3 +341,62 @@ class Estimate(Evidence):
         """
         loaded: Estimate = load_object(path, "estimate", cls)
         return loaded
+
+
+PAGES = WeakKeyDictionary[Estimate, Path]()
+"""Pages that were written of estimates, for the links to them."""
+
+
+def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: Verdict) -> dict[str, Any]:
+    """All results of an estimate for scripts, in JSON's types, but for what it alone has."""
+    fit, held, full, condition = evidence.fit, evidence.held_out, evidence.consistent(), evidence.condition_number
+    at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
+    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
+    each = *(x.tolist() for x in (held.rms, held.signal, held.ratio, held.relative_rms)), at_rest
+    bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+    return {
+        "version": VERSION,
+        **verdict.to_dict(),
+        "findings": [finding.to_dict() for finding in findings],
+        "columns": list(fit.names),
+        "values": fit.values.tolist(),
+        "std": fit.std.tolist(),
+        "covariance": fit.covariance.tolist(),
+        "regrouping": dict(zip(fit.parameters.names, fit.parameters.expressions(12), strict=True)),
+        "condition_number": condition if np.isfinite(condition) else None,
+        "part": held.part,
+        "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in evidence.offsets.items()},
+        "cutoff_hz": evidence.prepared.cutoff,
+        "held_out": {c: dict(zip(keys, row, strict=True)) for c, *row in zip(evidence.channels, *each, strict=True)},
+        "candidates": {
+            name: dict(zip(evidence.channels, x.tolist(), strict=True)) for name, x in evidence.rivals.items()
+        },
+        "best_candidate": verdict.best,
+        "filtered_at_hz": evidence.filtered_at,
+        "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in evidence.bounded.items()},
+        "setup": [each.to_dict() for each in evidence.setup],
+        "friction": evidence.friction,
+        "weights": _weights(evidence.trajectory),
+        "halves": {"rms_z": evidence.disagreement, "widening": evidence.widening, "widened": evidence.widened},
+        "logs": {"rms_z": list(evidence.disagreements)},
+        "intervals": {name: _limits(full.rows, name) for name in full.bodies},
+        "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
+    }
+
+
+def _limits(rows: Sequence[BodyValue], body: str) -> dict[str, Any]:
+    """Limits of the 95 % interval of each quantity of a body, None without one, and the data's share."""
+    out = {}
+    for each in (row for row in rows if row.body == body):
+        lower, upper = (x if np.isfinite(x) else None for x in (each.lower, each.upper))
+        out[each.quantity] = {"lower": lower, "upper": upper, "share": each.share}
+    return out
+
+
+def _weights(trajectory: TrajectoryEstimate | None) -> dict[str, Any] | None:
+    """Noise model of the weights, and the errors of left-out pieces without and with each alternative."""
+    if trajectory is None:
+        return None
+    tried = trajectory.errors
+    errors = {name: dict(zip(("without", "with"), each.tolist(), strict=True)) for name, each in tried.items()}
+    return {"correlated": trajectory.coloured, "left_out_errors": errors}

@@ -4,15 +4,17 @@ import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TypeVar
 
 import numpy as np
 
+from ident.arguments import described
 from ident.errors import InputError
 from ident.mechanism import motion
 from ident.mechanism.motion import Motion, Which
+from ident.mechanism.tree import Tree
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -41,6 +43,39 @@ class Samples:
         each = self.covariance is not None and self.covariance.ndim == 3
         covariance = self.covariance[which] if each else self.covariance  # type: ignore[index]
         return Samples(self.motion[which], self.measured[which], covariance)
+
+    def checked(self, tree: Tree, channels: int, where: str = "The samples") -> "Samples":
+        """The samples, checked to fit a mechanism and a number of channels.
+
+        Raises:
+            InputError: They do not fit or are not finite; the message names the array and the place in it.
+        """
+        if not isinstance(self.motion, Motion):
+            raise InputError(f"{where} must have a Motion, got {described(self.motion)}.")
+        widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
+        widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
+        for name, x in arrays_of(self).items():
+            if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
+                kind = getattr(x, "dtype", type(x))
+                raise InputError(f"{where}: '{name}' must be an array of real numbers, got {kind}.")
+            if x.ndim != 2 or x.shape[1] != widths[name] or len(x) != len(self) or not len(x):
+                raise InputError(
+                    f"{where}: '{name}' needs a row for each of {len(self)} samples and {widths[name]} columns, got "
+                    f"{x.shape}."
+                )
+            # Adding up needs no memory; only arrays whose sum is not finite are searched.
+            with np.errstate(invalid="ignore", over="ignore"):
+                suspect = not np.isfinite(x.sum(dtype=float))
+            if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
+                raise InputError(
+                    f"{where}: '{name}' needs finite numbers; sample {finite.argmin()} has NaN or infinity."
+                )
+        shapes = ((channels, channels), (len(self), channels, channels))
+        if self.covariance is not None and np.shape(self.covariance) not in shapes:
+            raise InputError(
+                f"{where}: 'covariance' needs the shape {shapes[0]} or {shapes[1]}, got {np.shape(self.covariance)}."
+            )
+        return replace(self, motion=self.motion.checked_further(tree))
 
 
 def whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -1,20 +1,23 @@
 """Set-up parameters of the channels of a recording: the kinds of `ident.setup`, for every object that has them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.geometry.se3 import hat, pose, small_rotation
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
+from ident.model.adjoint import Value
 from ident.parameters.person_prior import without_side
+from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
-from ident.setup import SETUP, SetupKind
+from ident.setup import SETUP, SetupKind, Shift
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -282,3 +285,154 @@ def _centre(body: Body) -> np.ndarray:
 def across(direction: np.ndarray) -> list[int]:
     """Indices of the two coordinate axes farthest from a direction."""
     return sorted(np.argsort(np.abs(np.asarray(direction, float)), kind="stable")[:2].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelParameters:
+    """Parameters θ = [ψ, drives, offsets, set-up] of channels, and what their values state.
+
+    Attributes:
+        equations: Channels and columns.
+        setup: Set-up parameters.
+        moving: True if the base moves and is tracked; its position and quaternion are then the first coordinates. For
+            a mechanism with a carrier the carrier's joints are.
+    """
+
+    equations: Equations
+    setup: tuple[SetupParameter, ...]
+    moving: bool
+
+    @property
+    def tree(self) -> Tree:
+        """The mechanism's tree."""
+        return self.equations.mechanism.tree
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters θ."""
+        return (*self.equations.names, *(each.name for each in self.setup))
+
+    @cached_property
+    def setup_at(self) -> dict[int, SetupParameter]:
+        """Set-up parameters by their index in θ."""
+        return dict(enumerate(self.setup, len(self.equations.names)))
+
+    @cached_property
+    def shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
+        return self._shifts(of_poses=False)
+
+    @cached_property
+    def pose_shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of poses by index in θ."""
+        return self._shifts(of_poses=True)
+
+    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
+        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
+        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
+
+    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
+        """Indices in θ of the set-up parameters of a kind, by axis."""
+        return {s.axis: at for at, s in self.setup_at.items() if s.kind == kind and (not of or s.of == of)}
+
+    def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
+        """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
+        at = self.of_kind(kind, of)
+        return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
+
+    def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
+        """Pose of a frame of a sensor, a tracker or markers where it was stated or aligned (4, 4)."""
+        return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
+
+    def gravity(self, theta: np.ndarray) -> np.ndarray:
+        """Acceleration of gravity, tilted (3,)."""
+        return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
+
+    def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
+        """Gain 1 + g of each channel, or of each named one, as numbers or signals."""
+        at = [self.of_kind("gain", name) or self.of_kind("scale", name) for name in of or self.equations.channels]
+        return [1 + theta[own[None]] if own else 1.0 for own in at]
+
+    def constants(self, theta: np.ndarray) -> np.ndarray:
+        """Constant offset of each channel (C,)."""
+        out, equations = np.zeros(len(self.equations.channels)), self.equations
+        first = equations.parameters.rank + len(equations.drives)
+        out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
+        return out
+
+    def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
+        zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
+        off = np.array([0.0 if at is None else theta[at] for at in zeros])
+        return self.tree.freedom_coordinates(q) + off
+
+    def corrected_tree(self, theta: np.ndarray) -> Tree:
+        """Tree with joints displaced, and hinges' axes tilted, each about its point closest to the body's origin."""
+        bodies = list(self.tree.bodies)
+        for i, body in enumerate(bodies):
+            if body.joint and self.of_kind("axis", body.joint):
+                v, w = body.twist[:3], body.twist[3:]
+                axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
+                bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
+        for joint, members in self.tree.compounds.items():
+            if self.of_kind("centre", joint):
+                first = bodies[k := self.tree.first_link(members[0])]
+                place = first.home[:3, 3] + self._vector("centre", joint, theta)
+                bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
+        return replace(self.tree, bodies=tuple(bodies))
+
+    @property
+    def of_base(self) -> int:
+        """Number of coordinates of the base's motion: its carrier's joints', or a position and a quaternion."""
+        carrier = self.equations.mechanism.carrier
+        return carrier.tree.size if carrier else 7 if self.moving else 0
+
+    @cached_property
+    def _regrouping(self) -> list[int]:
+        """Indices in θ of what changes how φ is regrouped; on a moving base, gravity does not."""
+        kinds = ("axis", "centre") if self.of_base else ("axis", "centre", "gravity")
+        return [at for at, each in self.setup_at.items() if each.kind in kinds]
+
+    def is_displaced(self, theta: np.ndarray) -> bool:
+        """True if ψ was regrouped for other joints, or for another gravity, than θ has."""
+        return any(theta[at] for at in self._regrouping)
+
+    @cached_property
+    def _unseen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Dependent entries of φ by the model (d,), and their likeliest changes by those of ψ (d, r).
+
+            φ_d(ψ) = φ_d + D (ψ - ψ_model),        D = (S Bᵀ)_d (B S Bᵀ)⁻¹
+
+        with ψ = B φ and S the prior covariance of φ. No channel shows them at the joints of the model, but where these
+        are displaced or tilted, ψ alone is no body: it may have -1700 kg where two joints are 10 mm apart.
+        """
+        mechanism, parameters = self.equations.mechanism, self.equations.parameters
+        dependent, rank = list(parameters.dependent), parameters.rank
+        prior = np.zeros(len(parameters.parameters)) if mechanism.prior is None else mechanism.prior
+        if not self._regrouping or not (prior[::10] > 0).any():
+            return prior[dependent], np.zeros((len(dependent), rank))
+        covariance = known_covariance(mechanism, parameters, absorbed=self.equations.absorbed)
+        of_bodies, rows = known_roots(mechanism).reshape(-1, 10, 10), known_rows(mechanism, parameters)
+        across = np.einsum("bkp,bkr->bpr", of_bodies, rows.reshape(-1, 10, rank)).reshape(-1, rank)[dependent]
+        scale = np.sqrt(np.diag(covariance))
+        changes = np.linalg.solve(covariance / np.outer(scale, scale), across.T / scale[:, None])
+        return prior[dependent], changes.T / scale
+
+    def unseen(self, theta: np.ndarray) -> np.ndarray:
+        """Likeliest dependent entries of φ (d,)."""
+        (of_model, changes), rank = self._unseen, self.equations.parameters.rank
+        return of_model + changes @ (theta[:rank] - self.equations.from_model[:rank])
+
+    def beside(self, theta: np.ndarray) -> np.ndarray:
+        """φ that acts beside ψ, by which no channel is changed at the model's joints (10 b,)."""
+        return self.with_dependent(self.unseen(theta))
+
+    def with_dependent(self, unseen: np.ndarray) -> np.ndarray:
+        """φ of dependent entries (d,) and base parameters of zero, numbers or signals (10 b,)."""
+        parameters = self.equations.parameters
+        phi = np.zeros(len(parameters.parameters), unseen.dtype)
+        phi[list(parameters.dependent)] = unseen
+        for row, beta in zip(parameters.kept, parameters.beta, strict=True):
+            for k in np.flatnonzero(beta):
+                phi[row] = phi[row] - beta[k] * unseen[k]
+        return phi

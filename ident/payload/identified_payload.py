@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from ident.display.brief import Brief, listed
-from ident.display.text import rounded
+from ident.display.brief import Brief, listed, rounded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.setup_parameters import SetupParameter

@@ -8,7 +8,7 @@ from bodies import bodies, forms, measured, regrouping, unphysical, weighed
 from mechanisms import GRAVITY, random_phi, random_tree
 from scipy.optimize import minimize
 
-from ident.display.bodies import QUANTITIES
+from ident.display.brief import QUANTITIES
 from ident.geometry.inertia import (
     PARAMETERS,
     parameter_names,
