@@ -16,7 +16,8 @@ for some hundred samples while they are in the inner caches.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, cast
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -47,9 +48,6 @@ FLOOR = 1e-7
 
 DEPENDENT = 1e-13
 """Largest rounding error of a column that depends on those before it, relative to its size."""
-
-LAPACK_BLOCK = 32
-"""Block size of LAPACK's QR decomposition, columns."""
 
 APART, TOO_CLOSE = 0.1, 0.01
 """Squared distance of a column from the span of those before it, relative to its square: the least with which it is
@@ -138,8 +136,7 @@ def _compiled_chunks(
 class Accumulator:
     """Sufficient statistics of least squares for the samples so far; accumulators of different samples add up.
 
-    The order of addition does not matter. All fields are numbers and arrays: `np.savez(file, **vars(a))` saves one,
-    `Accumulator(**np.load(file))` reads it.
+    The order of addition does not matter.
 
     Attributes:
         names: Names of the r columns.
@@ -147,8 +144,6 @@ class Accumulator:
         order: Order of the columns, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
-        chunks: Number of chunks.
-        factored: Number of chunks that took a QR decomposition.
         weighted: True if the rows are weighted, as by a covariance.
     """
 
@@ -157,14 +152,7 @@ class Accumulator:
     order: np.ndarray
     grams: np.ndarray
     samples: int
-    chunks: int
-    factored: int
     weighted: bool
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(map(str, self.names)))
-        for key, kind in (("samples", int), ("chunks", int), ("factored", int), ("weighted", bool)):
-            object.__setattr__(self, key, kind(getattr(self, key)))
 
     @property
     def gram(self) -> np.ndarray:
@@ -175,6 +163,10 @@ class Accumulator:
     def root(self) -> np.ndarray:
         """Square matrix T such that `Tᵀ T` is the Gram matrix of all rows `[Y_b | Γ]` (r + 1, r + 1)."""
         return square_root(self.gram) @ self.factor
+
+    @property
+    def _triangle(self) -> np.ndarray:
+        return self.factor[:, self.order]
 
     def __add__(self, other: "Accumulator") -> "Accumulator":
         """Accumulator of all samples of both.
@@ -187,12 +179,11 @@ class Accumulator:
                 "Accumulators add that have the same base parameters and weighting, got "
                 f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
             )
-        a, b, factored = self, other, self.factored + other.factored
+        a, b = self, other
         if not np.array_equal(a.factor, b.factor):
             common = _factor(np.vstack([a.root, b.root])[:, a.order], a.order)
             a, b = a._in(common, a.order), b._in(common, a.order)
-        samples, chunks = a.samples + b.samples, a.chunks + b.chunks
-        return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
+        return replace(a, grams=a.grams + b.grams, samples=a.samples + b.samples)
 
     def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
         """Accumulator in other coordinates, with their factor, triangular in an order."""
@@ -202,14 +193,12 @@ class Accumulator:
 
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """Accumulator with another chunk of samples."""
-        samples, count = self.samples + chunk.samples, self.chunks + 1
-        grams = self.grams + chunk.grams(self.factor[:, self.order], None)
-        if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
-            return replace(self, grams=grams, samples=samples, chunks=count)
+        now = replace(self, grams=self.grams + chunk.grams(self._triangle, None), samples=self.samples + chunk.samples)
+        if _is_apart(now.gram, self._triangle):
+            return now
         rows = np.vstack([self.root[:, self.order], chunk.rows(1).reshape(len(self.order), -1).T])
         renewed = self._in(_factor(rows, self.order), self.order)
-        grams = renewed.grams + chunk.grams(renewed.factor[:, self.order], None)
-        return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
+        return replace(renewed, grams=renewed.grams + chunk.grams(renewed._triangle, None), samples=now.samples)
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -224,18 +213,17 @@ def accumulate(
     equations: Equations,
     samples: Samples,
     *,
-    start: Accumulator | None = None,
     factor: np.ndarray | None = None,
     factors: np.ndarray | None = None,
     checked: bool = False,
 ) -> Accumulator:
-    """Adds samples to an accumulator, chunk by chunk.
+    """Accumulates samples, chunk by chunk.
 
     Args:
         equations: Equations to fit.
         samples: Motion and measured channels.
-        start: Accumulator of other samples.
-        factor: Coordinates to start from, so that accumulators of several workers add without a change of coordinates.
+        factor: Coordinates to start from, so that accumulators add without a change of coordinates; by default those of
+            some of the samples.
         factors: Weight by which each row is multiplied (N, C).
         checked: True for samples from `pieces`: for few samples a check costs as much as the sum.
 
@@ -246,19 +234,16 @@ def accumulate(
         InputError: Samples do not fit the equations, or a covariance is not positive definite.
     """
     samples = samples if checked else equations.checked(samples)
+    parts, (order, _) = chunks(equations, samples, factors), equations.order(samples)
+    first = next(parts)
+    if factor is None:
+        rows = first.rows(max(1, first.samples // max(PROBE, len(order))))
+        factor = _factor(rows.reshape(len(order), -1).T, order)
     weighted = samples.covariance is not None or factors is not None
-    if start is not None and (start.names, start.weighted) != (equations.names, weighted):
-        raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
-    total, (order, _) = start, equations.order(samples)
-    for chunk in chunks(equations, samples, factors):
-        if total is None:
-            if factor is None:
-                rows = chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))
-                factor = _factor(rows.reshape(len(order), -1).T, order)
-            grams = np.zeros((len(equations.channels), *factor.shape))
-            total = Accumulator(equations.names, factor, order, grams, 0, 0, 0, weighted)
+    total = Accumulator(equations.names, factor, order, np.zeros((len(equations.channels), *factor.shape)), 0, weighted)
+    for chunk in chain([first], parts):
         total = total.with_chunk(chunk)
-    return cast(Accumulator, total)
+    return total
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -291,8 +276,7 @@ def _regular_triangle(rows: np.ndarray) -> np.ndarray:
 
 def triangle_of(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of a QR decomposition."""
-    factored = lapack.dgeqrf(rows, lwork=LAPACK_BLOCK * rows.shape[1])[0]
-    return np.asarray(np.triu(factored[: rows.shape[1]]))
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from itertools import chain
 from operator import add
 
 import numpy as np
@@ -20,7 +19,7 @@ from ident.estimation import accumulator
 from ident.estimation.accumulator import Accumulator, accumulate, contributing
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
-from ident.estimation.samples import Samples, arrays_of, even, in_order
+from ident.estimation.samples import Samples, even, in_order
 from ident.files.table import listed
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -55,7 +54,6 @@ class Fit:
         rows: Number of rows, without channels that no parameter affects.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
-        method: Method of solution.
         noise: Noise for which `std` is valid: "white from sample to sample", or "correlated over time or not".
     """
 
@@ -67,7 +65,6 @@ class Fit:
     rows: int
     samples: int
     residual_norms: np.ndarray
-    method: str
     noise: str
 
     @property
@@ -149,7 +146,6 @@ def least_squares(
     state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     factor: np.ndarray | None = None,
     executor: Executor | None = None,
-    ahead: int | None = None,
 ) -> Fit:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
@@ -168,7 +164,6 @@ def least_squares(
             computed from the first samples.
         executor: Executor for the pieces; by default they are computed here. Pieces in memory are split for it. Its
             workers should use one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
-        ahead: Number of pieces to submit ahead, more than there are workers; by default that of `in_order`.
 
     Returns:
         The fit, independent of the division into pieces to rounding; its `epsilon` is the residual of Eq. 5.
@@ -177,23 +172,21 @@ def least_squares(
         InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.
         ExcitationError: The motion does not separate the parameters.
     """
-    stream = pieces(source, equations)
-    first = next(stream)
-    noise = None if state_noise is None else noise_rows(equations, first, state_noise)
-    if executor is None:
-        accumulated = accumulate(equations, first, factor=factor, checked=True)
-        for piece in stream:
-            accumulated = accumulate(equations, piece, start=accumulated, checked=True)
+    parts = _split(pieces(source, equations))
+    first = next(parts)
+    work = partial(accumulate, equations, checked=True)
+    total = work(first, factor=factor)
+    # Accumulators in common coordinates add without a change of coordinates.
+    if executor is not None:
+        total = reduce(add, in_order(executor, partial(work, factor=total.factor), parts), total)
     else:
-        # Accumulators in common coordinates add without a change of coordinates.
-        factor = accumulate(equations, first[: accumulator.PROBE], checked=True).factor if factor is None else factor
-        work = partial(accumulate, equations, factor=factor, checked=True)
-        accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
-    return solve(accumulated, equations, noise)
+        for part in parts:
+            total += work(part, factor=total.factor)
+    return solve(total, equations, None if state_noise is None else noise_rows(equations, first, state_noise))
 
 
 def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
-    """Yields the checked pieces of a source, all with the same columns and types.
+    """Yields the checked pieces of a source, all with the same columns.
 
     Args:
         source: Samples or a recording, or an iterable of them.
@@ -225,12 +218,6 @@ def _of_recording(recording: Recording, tree: Tree) -> Samples:
 
 
 def _compare(samples: Samples, first: Samples, where: str) -> None:
-    before = arrays_of(first)
-    for name, x in arrays_of(samples).items():
-        if x.dtype != before[name].dtype:
-            raise InputError(
-                f"{where}: '{name}' is {x.dtype} where the first piece has {before[name].dtype}; all need one type."
-            )
     optional = {"base": (samples.motion.base, first.motion.base), "covariance": (samples.covariance, first.covariance)}
     for name, (own, other) in optional.items():
         if (own is None) != (other is None):
@@ -351,7 +338,6 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         rows=int(measured.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
-        method=f"one pass in QR coordinates, {accumulated.factored} of {accumulated.chunks} chunks by stacked QR",
         noise="white from sample to sample",
     )
 

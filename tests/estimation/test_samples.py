@@ -59,7 +59,6 @@ BROKEN[17, 2] = np.nan
     ("pieces", "message"),
     [
         ([WHOLE, with_arrays(q=np.zeros((90, 3)))], "Piece 1: 'q' needs a row for each of 90 samples and 2"),
-        ([WHOLE, with_arrays(dq=STATES[1].astype(np.float32))], "Piece 1: 'dq' is float32 where the first"),
         ([with_arrays(measured=WHOLE.measured * 1j)], "Piece 0: 'measured' must be an array of real numbers"),
         ([with_arrays(q=STATES[0].tolist())], "'q' must be an array of real numbers, got <class 'list'>"),
         ([WHOLE, WHOLE, with_arrays(measured=BROKEN)], "Piece 2: 'measured' needs finite numbers; sample 17"),
