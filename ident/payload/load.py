@@ -32,8 +32,8 @@ from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.body_bounds import scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
+from ident.payload import Payload, SensorParameter
 from ident.payload.beyond_sensor import DENSITY
-from ident.payload.identified_payload import Payload, SensorParameter
 from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP

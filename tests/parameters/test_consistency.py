@@ -25,7 +25,7 @@ from ident.parameters.body_bounds import BodyPrior, Rotors
 from ident.parameters.consistency import consistent_parameters, physical_prior
 from ident.parameters.prior import KNOWN, guessed
 from ident.parameters.structure import Sensors
-from ident.payload.identified_payload import GUESSED
+from ident.payload import GUESSED
 
 
 def problem(seed, bodies=None):
