@@ -1,6 +1,6 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.annotations import typed
 from ident.arguments import check_type, near
-from ident.display.brief import BodyValue, decimals_of, listed, short
+from ident.display.brief import decimals_of, listed, short
 from ident.display.parameters import (
     Groups,
     Parameter,
@@ -240,10 +240,43 @@ class Estimate(Evidence):
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        numbers = estimate_numbers(self, self.findings, self.verdict())
-        return numbers | {
+        verdict = self.verdict()
+        fit, held, full = self.fit, self.held_out, self.consistent()
+        at_rest = [_finite(x) for x in held.ratio_at_rest(held.residual).tolist()]
+        keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
+        each = *(x.tolist() for x in (held.rms, held.signal, held.ratio, held.relative_rms)), at_rest
+        intervals_of: dict[str, dict[str, Any]] = {name: {} for name in full.bodies}
+        for row in full.rows:
+            limits = {"lower": _finite(row.lower), "upper": _finite(row.upper), "share": row.share}
+            intervals_of[row.body][row.quantity] = limits
+        bodies = zip(self.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+        return {
+            "version": VERSION,
+            **verdict.to_dict(),
+            "findings": [finding.to_dict() for finding in self.findings],
+            "columns": list(fit.names),
+            "values": fit.values.tolist(),
+            "std": fit.std.tolist(),
+            "covariance": fit.covariance.tolist(),
+            "regrouping": dict(zip(fit.parameters.names, fit.parameters.expressions(12), strict=True)),
+            "condition_number": _finite(self.condition_number),
+            "part": held.part,
+            "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in self.offsets.items()},
+            "cutoff_hz": self.prepared.cutoff,
+            "held_out": {c: dict(zip(keys, row, strict=True)) for c, *row in zip(self.channels, *each, strict=True)},
+            "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
+            "best_candidate": verdict.best,
+            "filtered_at_hz": self.filtered_at,
+            "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in self.bounded.items()},
+            "setup": [each.to_dict() for each in self.setup],
+            "friction": self.friction,
+            "weights": _weights(self.trajectory),
+            "halves": {"rms_z": self.disagreement, "widening": self.widening, "widened": self.widened},
+            "logs": {"rms_z": list(self.disagreements)},
+            "intervals": intervals_of,
+            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
             "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
-            "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
+            "condition_numbers": {k: _finite(x) for k, x in self.condition_numbers.items()},
             "scales": {joint: {"value": value, "std": std} for joint, (value, std) in self.scales.items()},
         }
 
@@ -347,50 +380,9 @@ PAGES = WeakKeyDictionary[Estimate, Path]()
 """Pages that were written of estimates, for the links to them."""
 
 
-def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: Verdict) -> dict[str, Any]:
-    """All results of an estimate for scripts, in JSON's types, but for what it alone has."""
-    fit, held, full, condition = evidence.fit, evidence.held_out, evidence.consistent(), evidence.condition_number
-    at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
-    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
-    each = *(x.tolist() for x in (held.rms, held.signal, held.ratio, held.relative_rms)), at_rest
-    bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
-    return {
-        "version": VERSION,
-        **verdict.to_dict(),
-        "findings": [finding.to_dict() for finding in findings],
-        "columns": list(fit.names),
-        "values": fit.values.tolist(),
-        "std": fit.std.tolist(),
-        "covariance": fit.covariance.tolist(),
-        "regrouping": dict(zip(fit.parameters.names, fit.parameters.expressions(12), strict=True)),
-        "condition_number": condition if np.isfinite(condition) else None,
-        "part": held.part,
-        "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in evidence.offsets.items()},
-        "cutoff_hz": evidence.prepared.cutoff,
-        "held_out": {c: dict(zip(keys, row, strict=True)) for c, *row in zip(evidence.channels, *each, strict=True)},
-        "candidates": {
-            name: dict(zip(evidence.channels, x.tolist(), strict=True)) for name, x in evidence.rivals.items()
-        },
-        "best_candidate": verdict.best,
-        "filtered_at_hz": evidence.filtered_at,
-        "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in evidence.bounded.items()},
-        "setup": [each.to_dict() for each in evidence.setup],
-        "friction": evidence.friction,
-        "weights": _weights(evidence.trajectory),
-        "halves": {"rms_z": evidence.disagreement, "widening": evidence.widening, "widened": evidence.widened},
-        "logs": {"rms_z": list(evidence.disagreements)},
-        "intervals": {name: _limits(full.rows, name) for name in full.bodies},
-        "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
-    }
-
-
-def _limits(rows: Sequence[BodyValue], body: str) -> dict[str, Any]:
-    """Limits of the 95 % interval of each quantity of a body, None without one, and the data's share."""
-    out = {}
-    for each in (row for row in rows if row.body == body):
-        lower, upper = (x if np.isfinite(x) else None for x in (each.lower, each.upper))
-        out[each.quantity] = {"lower": lower, "upper": upper, "share": each.share}
-    return out
+def _finite(x: float) -> float | None:
+    """The number, None for infinity and NaN, which JSON has not."""
+    return x if np.isfinite(x) else None
 
 
 def _weights(trajectory: TrajectoryEstimate | None) -> dict[str, Any] | None:

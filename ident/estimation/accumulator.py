@@ -34,9 +34,6 @@ from ident.tolerances import CONDITION_LIMIT, ZERO_COLUMN
 INPUTS = 2**20
 """Bytes of inputs per call of compiled code, which takes `CHUNK` samples at least."""
 
-SMALL = 16
-"""Columns below which a general matrix product is faster than a symmetric one."""
-
 Memory = tuple[np.ndarray, np.ndarray] | None
 """ρ of each channel's noise (C,), and its last z (C, r + 1), which is overwritten; see `noise.remembered`."""
 
@@ -330,8 +327,7 @@ def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray, memory: M
         if memory is not None:
             columns = remembered(Z, memory[0][c], memory[1][c, start:])
             memory[1][c, start:] = columns[:, -1]
-        # numpy computes Z Zᵀ by BLAS's symmetric product, which is slower than the general one for small Z: hence copy.
-        np.matmul(columns, (columns.copy() if len(Z) < SMALL else columns).T, out=gram[start:, start:])
+        np.matmul(columns, columns.T, out=gram[start:, start:])
         channel[own] = before
     return grams
 

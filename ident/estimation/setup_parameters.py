@@ -18,6 +18,7 @@ from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
 from ident.setup import SETUP, SetupKind, Shift
+from ident.tolerances import ROUNDING
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -204,9 +205,6 @@ ALONG = 0.97
 """Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
 link."""
 
-PARALLEL = 1e-9
-"""Largest component of a unit vector across another one with which they are parallel, but for rounding."""
-
 OF_JOINTS = ("angles", "axes", "centres")
 """Objects of the kinds of errors that displace or turn bodies."""
 
@@ -231,7 +229,7 @@ def _axis(tree: Tree, i: int) -> Subject:
     t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*axes}
     tilts = t - np.outer(w / w[c], t[c])
     together: dict[int | None, Mapping[str, float]] = {
-        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > PARALLEL} for k in axes
+        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > ROUNDING} for k in axes
     }
     return Subject(body.joint, axes, {"joints": (body.joint,)}, together=together)
 
@@ -263,12 +261,12 @@ def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracke
         turns, R = np.zeros((3, 0)), np.eye(3)
         for i in reversed(tree.chain(parent)):
             turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
-        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > PARALLEL).any()]
+        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > ROUNDING).any()]
         other = "" if parent == BASE else names.get(tree.first_link(parent), "")
         links, lengths = dict[int | None, str](), dict[int | None, Mapping[str, float]]()
         if other:
             link = _home(tree, members[0], first) @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent])
-            link /= max(np.linalg.norm(link), PARALLEL)
+            link /= max(np.linalg.norm(link), ROUNDING)
             links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG}
             ends = " to ".join(without_side(name) for name in (other, joint))
             lengths = {k: {ends: float(link[k])} for k in links or axes}

@@ -100,7 +100,7 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
         if np.abs(residual - before).max(initial=0, where=weights == 1) <= 1e-6 * scale.min():
             break
     covariance = _covariance(fit, samples, weights * residual / scale**2, (weights == 1) / scale)
-    return replace(fit, covariance=covariance, noise="correlated over time or not")
+    return replace(fit, covariance=covariance)
 
 
 def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) -> np.ndarray:

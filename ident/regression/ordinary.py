@@ -54,7 +54,6 @@ class Fit:
         rows: Number of rows, without channels that no parameter affects.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
-        noise: Noise for which `std` is valid: "white from sample to sample", or "correlated over time or not".
     """
 
     equations: Equations
@@ -65,7 +64,6 @@ class Fit:
     rows: int
     samples: int
     residual_norms: np.ndarray
-    noise: str
 
     @property
     def parameters(self) -> BaseParameters:
@@ -338,7 +336,6 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         rows=int(measured.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
-        noise="white from sample to sample",
     )
 
 
@@ -396,4 +393,4 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
             sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
-    return replace(fit, covariance=fit.sandwich(sandwich.middle), noise="correlated over time or not")
+    return replace(fit, covariance=fit.sandwich(sandwich.middle))
