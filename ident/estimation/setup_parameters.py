@@ -76,9 +76,8 @@ class SetupParameter:
 
     def sign(self, value: float) -> str:
         """Words for the sign of an error."""
-        if not self.link:
-            return self.text(self.row.signs[value <= 0])
-        return self.text(self.row.along[(value <= 0) != self.link.startswith("-")])
+        words = self.row.along if self.link else self.row.signs
+        return self.text(words[(value <= 0) != self.link.startswith("-")])
 
 
 def name_in_log(name: str, log: int) -> str:
@@ -91,7 +90,7 @@ class Subject(NamedTuple):
 
     Attributes:
         name: Its name, "" for gravity.
-        axes: Axes along which it may; one None if it has no axes.
+        axes: Axes along which it may; by default one None, as it has none.
         place: As for `SetupParameter`.
         std: Standard deviation of its own, by default the kind's.
         links: `SetupParameter.link` by axis.
@@ -100,8 +99,8 @@ class Subject(NamedTuple):
     """
 
     name: str
-    axes: Sequence[int | None]
-    place: Mapping[str, tuple[str, ...]]
+    axes: Sequence[int | None] = (None,)
+    place: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     std: float | None = None
     links: Mapping[int | None, str] = MappingProxyType({})
     together: Mapping[int | None, Mapping[str, float]] = MappingProxyType({})
@@ -183,21 +182,20 @@ def objects(
     hinges = [i for i, body in enumerate(tree.bodies) if body.coordinates and body.turns]
     # A tilted axis would open its loop.
     loops = tree.closure.part.names if tree.closure else ()
+    gained = [name for name in channels if name not in (*commanded, *scales)]
     return {
-        "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
-        "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
+        "clocks": [Subject(TOGETHER.join(together), place={"wrenches": together})] if together else [],
+        "commands": [Subject("")] if len(commanded) == len(equations.channels) > 0 else [],
         "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)]
-        + [Subject(name, range(3), {}, constant=UNKNOWN) for name in unknown],
-        "channels": [
-            Subject(name, (None,), {"channels": (name,)}) for name in channels if name not in (*commanded, *scales)
-        ]
-        + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
-        "scales": [Subject(name, (None,), {"channels": (name,)}, std) for name, std in scales.items()],
-        "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
-        "angles": [Subject(name := tree.bodies[i].joint, (None,), {"joints": (name,)}) for i in hinges],
+        + [Subject(name, range(3), constant=UNKNOWN) for name in unknown],
+        "channels": [Subject(name, place={"channels": (name,)}) for name in gained]
+        + [Subject(f"{name} {x}", place={"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
+        "scales": [Subject(name, place={"channels": (name,)}, std=std) for name, std in scales.items()],
+        "gravity": [Subject("", across(gravity))] if np.any(gravity) else [],
+        "angles": [Subject(name := tree.bodies[i].joint, place={"joints": (name,)}) for i in hinges],
         "axes": [_axis(tree, i) for i in hinges if tree.names[i] not in loops],
         "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
-        CLOCKS: [Subject("", (None,), {})] if trackers else [],
+        CLOCKS: [Subject("")] if trackers else [],
     }
 
 
