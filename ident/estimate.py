@@ -70,7 +70,7 @@ class Estimate(Evidence):
     def parameters(self) -> tuple[Parameter, ...]:
         """All coefficients with their intervals, units and bodies: base parameters, drives, offsets, torque scales."""
         wider = np.sqrt(np.diag(self.covariance_setup))
-        return parameters_of(self.fit, self.mechanism, wider, bounded=self.bounded, scales=self.scales)
+        return parameters_of(self.fit, self.mechanism, wider, self.scales)
 
     def __getitem__(self, name: str) -> Parameter:
         """The coefficient of a name, such as `m2rz2` or `Fv(knee)`.

@@ -37,7 +37,6 @@ class Parameter(Worded):
         body: Body or joint that it belongs to, or the channel of an offset.
         model: The model's value; None where it has none.
         expression: The standard parameters that it consists of, its name if there is one alone.
-        at_bound: True for a drive at its bound of zero, whose deviations are those with the drive free.
     """
 
     name: str
@@ -49,7 +48,6 @@ class Parameter(Worded):
     body: str
     model: float | None = None
     expression: str = ""
-    at_bound: bool = False
 
     @property
     def value(self) -> float:
@@ -101,7 +99,7 @@ def body_of(name: str, bodies: Sequence[str]) -> str:
 
 
 def parameters_of(
-    fit: Fit, arm: Mechanism, wider: np.ndarray, *, bounded: Collection[str], scales: Mapping[str, tuple[float, float]]
+    fit: Fit, arm: Mechanism, wider: np.ndarray, scales: Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
     """All coefficients: base parameters, drives, offsets (m,), and scales of joint torques.
 
@@ -109,7 +107,6 @@ def parameters_of(
         fit: The fit.
         arm: The mechanism.
         wider: Standard deviations with the uncertainty of the set-up (m,).
-        bounded: Names of drives at their bound of zero.
         scales: True over stated torque of joints, with its standard deviation, by name.
     """
     base, sums, drives = fit.parameters, fit.parameters.expressions(4), len(fit.equations.drives)
@@ -125,7 +122,6 @@ def parameters_of(
                 # Zero for a drive means that the model states none.
                 model=None if kind == "drive" and not model else model,
                 expression=sums[k] if k < base.rank else name,
-                at_bound=name in bounded,
             )
         )
     for joint, (value, std) in scales.items():
