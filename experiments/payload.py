@@ -13,8 +13,8 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import payload_report
     from ident.files.readers import is_log
     from ident.mechanism.mechanism import Mechanism
+    from ident.payload import Payload, place_of
     from ident.payload.beyond_sensor import identify_payload
-    from ident.payload.identified_payload import Payload, place_of
     from ident.payload.load import identify_load
     from ident.recordings.log import read_log
     from sim.models.model_mechanism import mechanism

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 
 class InputError(ValueError):
@@ -14,15 +13,7 @@ class ModelError(InputError):
 
 
 class LogError(InputError):
-    """A recording or a mapping of its columns is missing, malformed, or does not fit the mechanism.
-
-    Attributes:
-        file: File that the message names at its beginning; None if it names none.
-    """
-
-    def __init__(self, message: str, file: Path | None = None) -> None:
-        super().__init__(message)
-        self.file = file
+    """A recording or a mapping of its columns is missing, malformed, or does not fit the mechanism."""
 
 
 class ExcitationError(InputError):
@@ -43,7 +34,8 @@ def about(what: object) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise type(error)(f"{what}: {error}") from None
+        error.args = (f"{what}: {error}",)
+        raise error from None
 
 
 def not_installed(what: str, package: str, extra: str) -> str:

@@ -6,19 +6,29 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ident.annotations import typed
 from ident.arguments import check_type, near
-from ident.display import text
-from ident.display.brief import listed, short
-from ident.display.numbers import estimate_numbers
-from ident.display.parameters import Groups, Parameter, intervals, parameters_frame, parameters_of
-from ident.display.text import first_parameters, headline, undetermined_sentence
+from ident.display.brief import decimals_of, listed, short
+from ident.display.parameters import (
+    Groups,
+    Parameter,
+    estimate_html,
+    first_parameters,
+    headline,
+    intervals,
+    parameters_frame,
+    parameters_of,
+    summary_text,
+    undetermined_sentence,
+)
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object
+from ident.geometry.inertia import PARAMETERS
 from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
@@ -32,10 +42,14 @@ from ident.recordings.stated import Servo
 from ident.regression.ordinary import Fit
 from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED
+from ident.trajectory.result import TrajectoryEstimate
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+VERSION = 2
+"""Version of the entries; it grows when one is renamed, removed or changes its meaning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +70,7 @@ class Estimate(Evidence):
     def parameters(self) -> tuple[Parameter, ...]:
         """All coefficients with their intervals, units and bodies: base parameters, drives, offsets, torque scales."""
         wider = np.sqrt(np.diag(self.covariance_setup))
-        return parameters_of(self.fit, self.mechanism, wider, bounded=self.bounded, scales=self.scales)
+        return parameters_of(self.fit, self.mechanism, wider, self.scales)
 
     def __getitem__(self, name: str) -> Parameter:
         """The coefficient of a name, such as `m2rz2` or `Fv(knee)`.
@@ -131,7 +145,7 @@ class Estimate(Evidence):
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
         fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
-        digits = [text.decimals_of(std) or 0 for std in fit.std.tolist()]
+        digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
         rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
         rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
         drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
@@ -226,10 +240,43 @@ class Estimate(Evidence):
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        numbers = estimate_numbers(self, self.findings, self.verdict())
-        return numbers | {
+        verdict = self.verdict()
+        fit, held, full = self.fit, self.held_out, self.consistent()
+        at_rest = [_finite(x) for x in held.ratio_at_rest(held.residual).tolist()]
+        keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
+        each = *(x.tolist() for x in (held.rms, held.signal, held.ratio, held.relative_rms)), at_rest
+        intervals_of: dict[str, dict[str, Any]] = {name: {} for name in full.bodies}
+        for row in full.rows:
+            limits = {"lower": _finite(row.lower), "upper": _finite(row.upper), "share": row.share}
+            intervals_of[row.body][row.quantity] = limits
+        bodies = zip(self.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+        return {
+            "version": VERSION,
+            **verdict.to_dict(),
+            "findings": [finding.to_dict() for finding in self.findings],
+            "columns": list(fit.names),
+            "values": fit.values.tolist(),
+            "std": fit.std.tolist(),
+            "covariance": fit.covariance.tolist(),
+            "regrouping": dict(zip(fit.parameters.names, fit.parameters.expressions(12), strict=True)),
+            "condition_number": _finite(self.condition_number),
+            "part": held.part,
+            "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in self.offsets.items()},
+            "cutoff_hz": self.prepared.cutoff,
+            "held_out": {c: dict(zip(keys, row, strict=True)) for c, *row in zip(self.channels, *each, strict=True)},
+            "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
+            "best_candidate": verdict.best,
+            "filtered_at_hz": self.filtered_at,
+            "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in self.bounded.items()},
+            "setup": [each.to_dict() for each in self.setup],
+            "friction": self.friction,
+            "weights": _weights(self.trajectory),
+            "halves": {"rms_z": self.disagreement, "widening": self.widening, "widened": self.widened},
+            "logs": {"rms_z": list(self.disagreements)},
+            "intervals": intervals_of,
+            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
             "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
-            "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
+            "condition_numbers": {k: _finite(x) for k, x in self.condition_numbers.items()},
             "scales": {joint: {"value": value, "std": std} for joint, (value, std) in self.scales.items()},
         }
 
@@ -244,7 +291,7 @@ class Estimate(Evidence):
             *(f"  {note}" for part in self.logs for note in part.log.notes),
             *(finding.line for finding in self.findings),
         ]
-        return text.summary_text(self._headline, parameters, sentences)
+        return summary_text(self._headline, parameters, sentences)
 
     @property
     def undetermined_sentence(self) -> str:
@@ -275,9 +322,7 @@ class Estimate(Evidence):
         parameters, more = first_parameters(self.parameters, self.undetermined)
         sentences = [more, f"Residual over signal: {self._ratios}"]
         findings = ((each.text, each.doubt) for each in self.findings)
-        return text.estimate_html(
-            self._headline, str(self.verdict()), parameters, sentences, findings, text.PAGES.get(self)
-        )
+        return estimate_html(self._headline, str(self.verdict()), parameters, sentences, findings, PAGES.get(self))
 
     def to_frame(self) -> "pd.DataFrame":
         """All coefficients as a pandas data frame, with 95 % intervals that include the set-up.
@@ -329,3 +374,21 @@ class Estimate(Evidence):
         """
         loaded: Estimate = load_object(path, "estimate", cls)
         return loaded
+
+
+PAGES = WeakKeyDictionary[Estimate, Path]()
+"""Pages that were written of estimates, for the links to them."""
+
+
+def _finite(x: float) -> float | None:
+    """The number, None for infinity and NaN, which JSON has not."""
+    return x if np.isfinite(x) else None
+
+
+def _weights(trajectory: TrajectoryEstimate | None) -> dict[str, Any] | None:
+    """Noise model of the weights, and the errors of left-out pieces without and with each alternative."""
+    if trajectory is None:
+        return None
+    tried = trajectory.errors
+    errors = {name: dict(zip(("without", "with"), each.tolist(), strict=True)) for name, each in tried.items()}
+    return {"correlated": trajectory.coloured, "left_out_errors": errors}

@@ -11,8 +11,8 @@ import numpy as np
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.estimation import repairs
-from ident.estimation.equations import Equations
-from ident.estimation.preparation import Part, Prepared, flat_channels, without_channels
+from ident.estimation.equations import COMPONENTS, Equations, predicted_channels
+from ident.estimation.preparation import Part, Prepared, equations_of
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
 from ident.recordings.faults import stretches
@@ -249,13 +249,45 @@ def _lost(logs: Sequence[Prepared]) -> str:
 
 def _without_flat(problem: Problem) -> Problem:
     """Problem without channels that are constant in the fitted samples, unless none would be left."""
-    flat = flat_channels(problem.fitted)
+    flat = _flat_channels(problem.fitted)
     flat = {name: x for name, x in flat.items() if name in problem.equations.channels}
     if not flat or len(flat) == len(problem.equations.channels):
         return problem
     every = (problem.fitted, problem.judged)
-    logs, judges = ([without_channels(part.log, flat) for part in parts] for parts in every)
+    logs, judges = ([_less_channels(part.log, flat) for part in parts] for parts in every)
     return problem.with_logs(logs, judges)
+
+
+def _flat_channels(parts: Sequence[Part[slice]]) -> dict[str, float]:
+    """Channels that are constant in the parts of recordings to fit, with their values."""
+    every = [repairs.constants(part.log.recording, part.log.mechanism.tree, part.samples) for part in parts]
+    return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
+
+
+def _less_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
+    """Recording without channels that are constant in the fitted samples; a note or a finding reports them.
+
+    Args:
+        log: The recording.
+        flat: Channels to leave out and their values.
+    """
+    mechanism, motion, old, notes = log.mechanism, log.samples.motion, log.equations, list(log.notes)
+    kept = [k for k, name in enumerate(old.channels) if name not in flat]
+    samples = replace(log.samples, measured=log.samples.measured[:, kept])
+    channels = tuple(old.channels[k] for k in kept)
+    equations, sensors = equations_of(mechanism, log.recording, log.frame, samples, channels, log.drives)
+    predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
+    stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)
+    return replace(
+        log,
+        recording=repairs.without_channels(log.recording, mechanism.tree, flat),
+        equations=equations,
+        samples=samples,
+        sensors=sensors,
+        wrench=np.where(np.isin(COMPONENTS, list(flat)), np.nan, log.wrench),
+        notes=tuple(notes),
+        stuck=(*log.stuck, *stuck),
+    )
 
 
 def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:

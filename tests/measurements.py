@@ -52,7 +52,7 @@ def random_measurement(
     trackers = {f"tool{k}": Tracker(tree.names[-1]) for k in range(tracked)}
     own = setup_parameters(equations, list(hands), trackers=trackers) if setup else ()
     poses = {name: Tracked(len(tree.bodies) - 1, random_pose(rng), random_pose(rng), TRACKER) for name in trackers}
-    return Measurement(equations, frame, components, hands, own, moving, poses)
+    return Measurement(equations, own, moving, frame, components, hands, poses)
 
 
 def random_inputs(rng, measurement, samples=3, setup=0.05):

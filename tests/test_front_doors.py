@@ -12,8 +12,8 @@ import ident
 import multicontact as mc
 import scenes
 import sim
-from ident.display.text import PAGES
 from ident.errors import InputError
+from ident.estimate import PAGES
 
 CLIENTS = {
     "arrays": """

@@ -17,7 +17,7 @@ import ident
 from experiments import payload as command
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import consistent_parameters
-from ident.payload.identified_payload import GUESSED
+from ident.payload import GUESSED
 from ident.recordings.log import read_log
 
 MASS, CENTRE, INERTIA = 0.8, np.array([0.02, -0.03, 0.12]), np.diag([6e-3, 5e-3, 2e-3])

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import ident
 import sim
 from ident.geometry.inertia import parameters_from_com, symmetric
+from ident.payload import described
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.identified_payload import described
 from ident.recordings.wrench import Sensor
 
 pytestmark = pytest.mark.slow

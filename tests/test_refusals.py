@@ -19,7 +19,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 import multicontact as mc
 from experiments.cli import options
 from ident import BaseMotion, Body, Frame, Mechanism, Motion, Recording, Sensors, Tree, Wrench
-from ident.estimation.sources import in_order
+from ident.estimation.samples import in_order
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.body import BASE, ball_twist

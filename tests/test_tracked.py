@@ -117,7 +117,7 @@ def test_channels_and_derivatives_are_those_of_mujoco():
     (flange,) = aligned(arm, recording, Motion(*states)).values()
     np.testing.assert_allclose(flange.frame[:3, :3], WORLD[0].inv().as_matrix(), atol=1e-9)
     np.testing.assert_allclose(flange.markers[:3, 3], MARKERS[0], atol=1e-9)
-    m = Measurement(Equations.of_wrench(arm), np.eye(4), tuple(range(6)), {}, (), tracked={"flange": flange})
+    m = Measurement(Equations.of_wrench(arm), (), False, np.eye(4), tuple(range(6)), {}, {"flange": flange})
     poses, theta = measured_poses(recording, "flange").values, np.zeros(len(m.names))
     halves = poses[:, 6:].reshape(-1, 2, 6)
     np.testing.assert_allclose(m.values(np.array(states), halves, theta)[6:].T, poses[:, :6], atol=1e-9)

@@ -27,7 +27,7 @@ from docs.tools.mechanisms import PENDULUM, PINOCCHIO_NAME, Pinocchio, Subject, 
 from experiments.data import paper
 from experiments.data.paper import SCENE
 from experiments.document.result_folder import provenance, write_json
-from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.accumulator import accumulate
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.model import compiled
@@ -198,9 +198,9 @@ def of_pieces(effort: Effort) -> Iterator[Row]:
     states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:
-        sums: Accumulator | None = None
-        for piece in pieces:
-            sums = accumulate(pendulum.equations, piece, start=sums)
+        sums = accumulate(pendulum.equations, pieces[0])
+        for piece in pieces[1:]:
+            sums += accumulate(pendulum.equations, piece, factor=sums.factor)
 
     def theirs() -> None:
         for piece in states:

@@ -205,7 +205,7 @@ def torques_of(tree: Tree) -> Measurement:
         drives=drive_names(tree, DRIVES),
         offsets=tuple(range(len(joints))),
     )
-    return Measurement(equations, np.eye(4), (), {}, ())
+    return Measurement(equations, (), False, np.eye(4), (), {})
 
 
 def bare_loop(spec: mujoco.MjSpec, samples: int) -> Callable[[], None]:

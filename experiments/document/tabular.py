@@ -12,7 +12,7 @@ from itertools import compress
 from numbers import Integral
 
 from experiments.document import symbols, terminal
-from ident.display.text import decimals_beside, decimals_of
+from ident.display.brief import decimals_beside, decimals_of
 from ident.estimation.noise import unit_of
 from ident.geometry.inertia import body_of_parameter
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from typing import TypeVar
 
-from ident.display.text import WIDTH
+from ident.display.brief import WIDTH
 
 C = TypeVar("C")
 

@@ -11,7 +11,7 @@ from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGro
 from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
 from experiments.guesses.wrench_checks import set_axes, set_units_of_wrenches
 from ident.errors import InputError
-from ident.estimation.loads import SLIP, predicted_channels
+from ident.estimation.equations import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT, UNITS
 from ident.judgement.model_fit import recorded_gravity

@@ -9,8 +9,7 @@ import numpy as np
 
 from experiments.guesses.belief import Belief
 from ident.errors import ModelError
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.loads import SLIP, predicted_channels
+from ident.estimation.equations import COMPONENTS, SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

@@ -10,8 +10,7 @@ from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, ColumnGroup, Ta
 from experiments.guesses.model import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, ComparedModel, explained, unexplained
 from experiments.guesses.words import LIKE, likeness, words
 from ident.errors import ExcitationError
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.loads import predicted_channels
+from ident.estimation.equations import COMPONENTS, predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.files.column import UNITS
 from ident.judgement.checks import wrench_checks

@@ -16,8 +16,8 @@ from experiments.document.terminal import wrapped
 from experiments.document.writer import Document, Plot
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
+from ident.display.brief import decimals_of
 from ident.display.plots import Axes, Figure, add_legend
-from ident.display.text import decimals_of
 from ident.tolerances import INTERVAL
 
 MEANING = (

@@ -16,7 +16,7 @@ from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length
 from ident.geometry.inertia import symmetric
 from ident.judgement.wording import number_of
-from ident.payload.identified_payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
+from ident.payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
 from ident.recordings.several_clocks import name_of
 from sim.models.model_update import write_model
 from sim.models.xml_files import parsed

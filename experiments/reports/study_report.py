@@ -258,7 +258,7 @@ def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[s
     shown = {name: group["model"] for group in groups for name in group["show"]}
     notes = []
     if "std_wrench_noise" in shown:
-        notes.append(f"s.d. of wrench noise, {study.fit(shown['std_wrench_noise']).estimate.noise}")
+        notes.append("s.d. of wrench noise, correlated over time or not")
     if any(name.startswith("trajectory_") for name in shown):
         notes.append(f"trajectory: {ESTIMATORS['trajectory']}")
     return notes

@@ -23,7 +23,7 @@ from tqdm import tqdm
 from experiments.runs.environment import THREADS, environment, held_back, seldom_collected
 from ident.display.brief import listed
 from ident.errors import InputError
-from ident.estimation.sources import in_order
+from ident.estimation.samples import in_order
 from ident.files import npz
 from ident.files.atomic import save_arrays
 from ident.files.limits import parsed_json, reason

@@ -8,10 +8,9 @@ import numpy as np
 
 from experiments.data.paper import ACCELERATION, NOISE, VELOCITY
 from ident.errors import InputError, ModelError
-from ident.estimation.equations import Equations
-from ident.estimation.loads import usual_drives
+from ident.estimation.accumulator import separable
+from ident.estimation.equations import Equations, usual_drives
 from ident.estimation.samples import Samples
-from ident.estimation.separation import separable
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree

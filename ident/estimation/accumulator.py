@@ -16,23 +16,23 @@ for some hundred samples while they are in the inner caches.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, cast
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
-from ident.errors import InputError
+from ident.errors import ExcitationError, InputError
 from ident.estimation.equations import Equations
-from ident.estimation.noise import remembered
+from ident.estimation.noise import channel_scales, remembered
 from ident.estimation.samples import Samples
+from ident.files.table import listed
 from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
+from ident.tolerances import CONDITION_LIMIT, ZERO_COLUMN
 
 INPUTS = 2**20
 """Bytes of inputs per call of compiled code, which takes `CHUNK` samples at least."""
-
-SMALL = 16
-"""Columns below which a general matrix product is faster than a symmetric one."""
 
 Memory = tuple[np.ndarray, np.ndarray] | None
 """ρ of each channel's noise (C,), and its last z (C, r + 1), which is overwritten; see `noise.remembered`."""
@@ -46,12 +46,18 @@ FLOOR = 1e-7
 DEPENDENT = 1e-13
 """Largest rounding error of a column that depends on those before it, relative to its size."""
 
-LAPACK_BLOCK = 32
-"""Block size of LAPACK's QR decomposition, columns."""
-
 APART, TOO_CLOSE = 0.1, 0.01
 """Squared distance of a column from the span of those before it, relative to its square: the least with which it is
 kept unchanged in the coordinates, and the value below which the coordinates are renewed."""
+
+INDEPENDENT = 1e-6
+"""Distance of a unit-norm column from the span of others below which it depends on them."""
+
+MIXED = 1e-3
+"""Coefficient of a unit-norm column in another from which the one takes up the other."""
+
+MOSTLY = 0.5
+"""Share of a parameter in combinations that the motion does not separate from which it is not determined."""
 
 
 class Chunk(NamedTuple):
@@ -127,8 +133,7 @@ def _compiled_chunks(
 class Accumulator:
     """Sufficient statistics of least squares for the samples so far; accumulators of different samples add up.
 
-    The order of addition does not matter. All fields are numbers and arrays: `np.savez(file, **vars(a))` saves one,
-    `Accumulator(**np.load(file))` reads it.
+    The order of addition does not matter.
 
     Attributes:
         names: Names of the r columns.
@@ -136,8 +141,6 @@ class Accumulator:
         order: Order of the columns, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
-        chunks: Number of chunks.
-        factored: Number of chunks that took a QR decomposition.
         weighted: True if the rows are weighted, as by a covariance.
     """
 
@@ -146,14 +149,7 @@ class Accumulator:
     order: np.ndarray
     grams: np.ndarray
     samples: int
-    chunks: int
-    factored: int
     weighted: bool
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(map(str, self.names)))
-        for key, kind in (("samples", int), ("chunks", int), ("factored", int), ("weighted", bool)):
-            object.__setattr__(self, key, kind(getattr(self, key)))
 
     @property
     def gram(self) -> np.ndarray:
@@ -164,6 +160,10 @@ class Accumulator:
     def root(self) -> np.ndarray:
         """Square matrix T such that `Tᵀ T` is the Gram matrix of all rows `[Y_b | Γ]` (r + 1, r + 1)."""
         return square_root(self.gram) @ self.factor
+
+    @property
+    def _triangle(self) -> np.ndarray:
+        return self.factor[:, self.order]
 
     def __add__(self, other: "Accumulator") -> "Accumulator":
         """Accumulator of all samples of both.
@@ -176,12 +176,11 @@ class Accumulator:
                 "Accumulators add that have the same base parameters and weighting, got "
                 f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
             )
-        a, b, factored = self, other, self.factored + other.factored
+        a, b = self, other
         if not np.array_equal(a.factor, b.factor):
             common = _factor(np.vstack([a.root, b.root])[:, a.order], a.order)
             a, b = a._in(common, a.order), b._in(common, a.order)
-        samples, chunks = a.samples + b.samples, a.chunks + b.chunks
-        return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
+        return replace(a, grams=a.grams + b.grams, samples=a.samples + b.samples)
 
     def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
         """Accumulator in other coordinates, with their factor, triangular in an order."""
@@ -191,14 +190,12 @@ class Accumulator:
 
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """Accumulator with another chunk of samples."""
-        samples, count = self.samples + chunk.samples, self.chunks + 1
-        grams = self.grams + chunk.grams(self.factor[:, self.order], None)
-        if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
-            return replace(self, grams=grams, samples=samples, chunks=count)
+        now = replace(self, grams=self.grams + chunk.grams(self._triangle, None), samples=self.samples + chunk.samples)
+        if _is_apart(now.gram, self._triangle):
+            return now
         rows = np.vstack([self.root[:, self.order], chunk.rows(1).reshape(len(self.order), -1).T])
         renewed = self._in(_factor(rows, self.order), self.order)
-        grams = renewed.grams + chunk.grams(renewed.factor[:, self.order], None)
-        return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
+        return replace(renewed, grams=renewed.grams + chunk.grams(renewed._triangle, None), samples=now.samples)
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -213,18 +210,17 @@ def accumulate(
     equations: Equations,
     samples: Samples,
     *,
-    start: Accumulator | None = None,
     factor: np.ndarray | None = None,
     factors: np.ndarray | None = None,
     checked: bool = False,
 ) -> Accumulator:
-    """Adds samples to an accumulator, chunk by chunk.
+    """Accumulates samples, chunk by chunk.
 
     Args:
         equations: Equations to fit.
         samples: Motion and measured channels.
-        start: Accumulator of other samples.
-        factor: Coordinates to start from, so that accumulators of several workers add without a change of coordinates.
+        factor: Coordinates to start from, so that accumulators add without a change of coordinates; by default those of
+            some of the samples.
         factors: Weight by which each row is multiplied (N, C).
         checked: True for samples from `pieces`: for few samples a check costs as much as the sum.
 
@@ -235,19 +231,16 @@ def accumulate(
         InputError: Samples do not fit the equations, or a covariance is not positive definite.
     """
     samples = samples if checked else equations.checked(samples)
+    parts, (order, _) = chunks(equations, samples, factors), equations.order(samples)
+    first = next(parts)
+    if factor is None:
+        rows = first.rows(max(1, first.samples // max(PROBE, len(order))))
+        factor = _factor(rows.reshape(len(order), -1).T, order)
     weighted = samples.covariance is not None or factors is not None
-    if start is not None and (start.names, start.weighted) != (equations.names, weighted):
-        raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
-    total, (order, _) = start, equations.order(samples)
-    for chunk in chunks(equations, samples, factors):
-        if total is None:
-            if factor is None:
-                rows = chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))
-                factor = _factor(rows.reshape(len(order), -1).T, order)
-            grams = np.zeros((len(equations.channels), *factor.shape))
-            total = Accumulator(equations.names, factor, order, grams, 0, 0, 0, weighted)
+    total = Accumulator(equations.names, factor, order, np.zeros((len(equations.channels), *factor.shape)), 0, weighted)
+    for chunk in chain([first], parts):
         total = total.with_chunk(chunk)
-    return cast(Accumulator, total)
+    return total
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -280,8 +273,7 @@ def _regular_triangle(rows: np.ndarray) -> np.ndarray:
 
 def triangle_of(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of a QR decomposition."""
-    factored = lapack.dgeqrf(rows, lwork=LAPACK_BLOCK * rows.shape[1])[0]
-    return np.asarray(np.triu(factored[: rows.shape[1]]))
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:
@@ -335,8 +327,7 @@ def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray, memory: M
         if memory is not None:
             columns = remembered(Z, memory[0][c], memory[1][c, start:])
             memory[1][c, start:] = columns[:, -1]
-        # numpy computes Z Zᵀ by BLAS's symmetric product, which is slower than the general one for small Z: hence copy.
-        np.matmul(columns, (columns.copy() if len(Z) < SMALL else columns).T, out=gram[start:, start:])
+        np.matmul(columns, columns.T, out=gram[start:, start:])
         channel[own] = before
     return grams
 
@@ -349,3 +340,92 @@ def changing(inverse: np.ndarray) -> np.ndarray:
 def inverse_of(factor: np.ndarray) -> np.ndarray:
     """Inverse of a regular upper triangular matrix."""
     return lapack.dtrtri(factor)[0]
+
+
+def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
+    """Singular values of the unit-norm columns, each channel divided by its scale, and an error if some are too small.
+
+    The error names the parameters in combinations that the motion does not separate.
+    """
+    s, directions = _decomposed(equations, samples)
+    hidden = directions[s <= s[0] / CONDITION_LIMIT]
+    if not len(hidden):
+        return s, None
+    names = contributing(hidden, equations.names)
+    return s, ExcitationError(
+        f"In {listed(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+        f"parameters; it does not separate {listed(names)}. Move the joints further (`multicontact excite` "
+        "designs a motion), measure more, or put in what the model knows (--prior on).",
+        names,
+    )
+
+
+def undetermined(equations: Equations, samples: Samples) -> tuple[str, ...]:
+    """Names of the base parameters that lie mostly in combinations which the motion does not separate."""
+    s, directions = _decomposed(equations, samples)
+    hidden = (directions[s <= s[0] / CONDITION_LIMIT] ** 2).sum(axis=0)[: equations.parameters.rank]
+    return tuple(name for name, share in zip(equations.names, hidden, strict=False) if share > MOSTLY)
+
+
+def _decomposed(equations: Equations, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values and right singular vectors of the unit-norm columns, each channel divided by its scale."""
+    scales = channel_scales([samples.measured], equations.channels)
+    weights = np.broadcast_to(1 / scales, samples.measured.shape)
+    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
+    norms = np.linalg.norm(columns, axis=0)
+    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
+    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    return s, directions
+
+
+def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
+    size = np.linalg.norm(hidden, axis=0)
+    return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]
+
+
+def separable(equations: Equations, samples: Samples) -> Equations:
+    """Equations without the drives and offsets whose columns depend on those before them.
+
+    Drives that are left out add to the coefficients that take them up (`absorbed`).
+
+    Raises:
+        InputError: Samples do not fit the equations.
+    """
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
+    mask = independent(columns)
+    kept = dict(zip(equations.names, mask, strict=True))
+    without = replace(
+        equations,
+        drives=tuple(name for name in equations.drives if kept[name]),
+        offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
+    )
+    rank, count = equations.parameters.rank, equations.parameters.rank + len(equations.drives)
+    stays = mask[:count] | (np.arange(count) < rank)
+    if stays.all():
+        return without
+    sizes = np.maximum(np.linalg.norm(columns[:, :count], axis=0), 1e-300)
+    unit, names = columns[:, :count] / sizes, np.array(equations.names[:count])
+    combined = np.linalg.lstsq(unit[:, stays], unit[:, ~stays], rcond=INDEPENDENT)[0]
+    units = combined.T * sizes[~stays, None] / sizes[stays]
+    absorbed = {name: each[stays] + each[~stays] @ units for name, each in equations.absorbed.items()}
+    absorbed |= dict(zip(names[~stays].tolist(), units, strict=True))
+    takes = {*names[stays][(np.abs(combined) > MIXED).any(axis=1)].tolist(), *equations.mixed}
+    of_motors = tuple(f"({motor})" for motor in equations.axes.motors)
+    mixed = (name for name in without.drives if name in takes and name.endswith(of_motors))
+    return replace(without, absorbed=absorbed, mixed=tuple(mixed))
+
+
+def independent(columns: np.ndarray) -> np.ndarray:
+    """Mask of the columns of a matrix (m, k) that are independent of those before them (k,)."""
+    # Not by the diagonal of a triangular factor, which lacks a part of the columns after a dependent one.
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
+    stick_out = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # One pass leaves rounding errors along the others.
+            out = out - basis @ (basis.T @ out)
+        stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if stick_out[k]:
+            basis[:, k] = out / np.linalg.norm(out)
+    return stick_out

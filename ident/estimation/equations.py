@@ -5,11 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import described
 from ident.errors import InputError
-from ident.estimation.samples import Samples, arrays_of, whitened
+from ident.estimation.samples import Samples, whitened
+from ident.geometry.se3 import coAd, inverse
+from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism, out_of_plane
 from ident.mechanism.motion import Motion
 from ident.model.axes import Axes, Couplings, column_place, stated_values
@@ -19,9 +21,13 @@ from ident.model.regressor import chunk, drive_signals, program_inputs, regresso
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.tolerances import DRIVE, USUAL_DRIVE
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of a wrench's components."""
+
+SLIP = 0.003
+"""Default velocity over which Coulomb friction changes sign, rad/s or m/s."""
 
 
 def channels_out_of_plane(mechanism: Mechanism, frame: np.ndarray | None = None) -> tuple[str, ...]:
@@ -143,38 +149,8 @@ class Equations:
         return replace(self, offsets=tuple(offsets))
 
     def checked(self, samples: Samples, where: str = "The samples") -> Samples:
-        """Samples, checked against the equations.
-
-        Raises:
-            InputError: They do not fit or are not finite; the message names the array and the place in it.
-        """
-        if not isinstance(samples.motion, Motion):
-            raise InputError(f"{where} must have a Motion, got {described(samples.motion)}.")
-        tree, channels = self.mechanism.tree, len(self.channels)
-        widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
-        widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
-        for name, x in arrays_of(samples).items():
-            if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
-                kind = getattr(x, "dtype", type(x))
-                raise InputError(f"{where}: '{name}' must be an array of real numbers, got {kind}.")
-            if x.ndim != 2 or x.shape[1] != widths[name] or len(x) != len(samples) or not len(x):
-                raise InputError(
-                    f"{where}: '{name}' needs a row for each of {len(samples)} samples and {widths[name]} columns, got "
-                    f"{x.shape}."
-                )
-            # Adding up needs no memory; only arrays whose sum is not finite are searched.
-            with np.errstate(invalid="ignore", over="ignore"):
-                suspect = not np.isfinite(x.sum(dtype=float))
-            if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
-                raise InputError(
-                    f"{where}: '{name}' needs finite numbers; sample {finite.argmin()} has NaN or infinity."
-                )
-        shapes = ((channels, channels), (len(samples), channels, channels))
-        if samples.covariance is not None and np.shape(samples.covariance) not in shapes:
-            raise InputError(
-                f"{where}: 'covariance' needs the shape {shapes[0]} or {shapes[1]}, got {np.shape(samples.covariance)}."
-            )
-        return replace(samples, motion=samples.motion.checked_further(tree))
+        """Samples, checked against the equations, as `Samples.checked`."""
+        return samples.checked(self.mechanism.tree, len(self.channels), where)
 
     def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
         """Order of the columns `[Y_b | drives | offsets | measured]` in which channels with few columns come in last.
@@ -304,3 +280,108 @@ class Equations:
             shares = axes.matrix[a, torques, None] if a < first else slopes[:, a - first, torques].T
             columns.append(shares * signals[kind][:, a])
         return np.reshape(columns, (len(places), len(torques), len(samples)))
+
+    def drive_torques(
+        self, states: tuple[np.ndarray, np.ndarray, np.ndarray], theta: np.ndarray, slips: np.ndarray
+    ) -> np.ndarray:
+        """Torques of rotor inertia, friction and springs of the n freedoms, zero without a column for them (n,).
+
+        Args:
+            states: Joint coordinates (n_q,), velocities and accelerations (n,), numbers or signals of a tape.
+            theta: Parameters, those of the drives after ψ.
+            slips: Velocities of the m axes over which Coulomb friction changes sign (m,).
+        """
+        axes, at = self.axes, dict(zip(self.drives, theta[self.parameters.rank :], strict=False))
+        signals = drive_signals(self.mechanism.tree, axes, states, slips, self.mechanism.springrefs)
+        each = [[at.get(f"{DRIVE[kind]}({name})", 0.0) for name in axes.names] * own for kind, own in signals.items()]
+        return axes.felt(self.mechanism.tree, states[0], np.sum(each, axis=0))
+
+
+def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
+    """Torques of rotors, friction and springs as the model states them, N m or N (N, n).
+
+    Coulomb friction changes its sign as `tanh(q̇ / SLIP)`, so that noise of a resting joint's velocity is no friction.
+
+    Args:
+        mechanism: The mechanism, with its drives.
+        motion: Motion of its joints, checked (N samples).
+    """
+    tree = mechanism.tree
+    axes, names = Axes.of(tree), (*tree.freedoms, *tree.dependent)
+    drives = [mechanism.drives.get(name, NO_DRIVE) for name in names]
+    signals = drive_signals(tree, axes, motion.states, SLIP, mechanism.springrefs)
+    values, at = {kind: np.array([each.value(kind) for each in drives], float) for kind in signals}, 0
+    for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
+        part = slice(at, at := at + body.freedoms)
+        if body.is_ball and values["spring"][part].any():
+            reference = Rotation.from_rotvec(mechanism.springrefs[part])
+            turned = reference.inv() * Rotation.from_quat(own, scalar_first=True)
+            signals["spring"][:, part] = turned.as_rotvec()
+    return axes.felt(tree, motion.q, np.sum([values[kind] * signal for kind, signal in signals.items()], axis=0))
+
+
+def stated_drive_channels(equations: Equations, motion: Motion) -> np.ndarray:
+    """Part of the drives, as the model states them, in the channels of equations: zero in a wrench (N, C)."""
+    out = np.zeros((len(motion), len(equations.channels)))
+    if equations.torques and equations.mechanism.drives:
+        torques = stated_drive_torques(equations.mechanism, motion)
+        out[:, -len(equations.torques) :] = torques[:, list(equations.torques)]
+    return out
+
+
+def predicted_channels(
+    mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
+) -> dict[str, np.ndarray]:
+    """Components of the total wrench in a frame, and joint torques if requested, as the model predicts them (N,) each.
+
+    It predicts with its prior and with the drives that it states.
+    """
+    total, felt = inverse_dynamics(mechanism.tree, motion, mechanism.known, mechanism.gravity)
+    predicted = dict(zip(COMPONENTS, coAd(inverse(frame)) @ total.T, strict=True))
+    if torques and mechanism.drives:
+        felt = felt + stated_drive_torques(mechanism, motion)
+    return predicted | (dict(zip(mechanism.tree.freedoms, felt.T, strict=True)) if torques else {})
+
+
+def drives_of(axes: Axes, kinds: Sequence[str], torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of some kinds of drives that act on the freedoms whose torques are measured.
+
+    Args:
+        axes: Axes on which drives act.
+        kinds: The kinds, out of `DRIVE`.
+        torques: Indices of those freedoms.
+    """
+    each = (f"{DRIVE[kind]}({name})" for kind in kinds for k in torques for name in axes.acting(kind, k))
+    return tuple(dict.fromkeys(each))
+
+
+def usual_drives(mechanism: Mechanism, torques: Sequence[int], axes: Axes | None = None) -> tuple[str, ...]:
+    """Names of the columns that are fitted by default: rotor inertia and friction, and springs that the model has.
+
+    Args:
+        mechanism: The mechanism.
+        torques: Indices of the freedoms whose torques are measured.
+        axes: Axes on which drives act, by default the freedoms alone.
+    """
+    axes = Axes.of(mechanism.tree) if axes is None else axes
+    freedoms = [mechanism.tree.freedoms[k] for k in torques]
+    hinges = [name for name in freedoms if name in mechanism.tree.joints and name in mechanism.drives]
+    springs = [name for name in hinges if mechanism.drives[name].stiffness]
+    usual = (*drives_of(axes, USUAL_DRIVE, torques), *(f"{DRIVE['spring']}({name})" for name in springs))
+    return (*usual, *passive_drives(mechanism, axes, (*USUAL_DRIVE, "spring"), torques))
+
+
+def passive_drives(mechanism: Mechanism, axes: Axes, kinds: Sequence[str], torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of drives that the model states of dependent joints, arguments as above."""
+    moved = [name for name in axes.dependent if torques and name in mechanism.drives]
+    pairs = [(kind, name) for kind in kinds for name in moved if mechanism.drives[name].value(kind)]
+    return tuple(f"{DRIVE[kind]}({name})" for kind, name in pairs)
+
+
+def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str] = ()) -> str:
+    """Note on drives whose columns depend on those of the links, and of the mixed drives of other motors."""
+    beside = f" and from {', '.join(mixed)}" if mixed else ""
+    note = f"{', '.join(lost)} cannot be told from the links' inertias{beside}, which take them up"
+    if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
+        return f"{note}."
+    return f"{note}; bodies are computed with the model's {', '.join(stated)}."

@@ -18,20 +18,18 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimation import loads
-from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.equations import COMPONENTS, SLIP
 from ident.estimation.recorded_motion import REFERENCES, WIDTH, Tracked, base_motion, joint_states, reading
-from ident.estimation.setup_parameters import CLOCKS, MARKERS, SetupParameter
-from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
+from ident.estimation.setup_parameters import MARKERS, ChannelParameters
+from ident.geometry.se3 import coAd, inverse, pose
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
-from ident.model.inverse_dynamics import joint_torques
+from ident.model.inverse_dynamics import body_wrenches, joint_torques
 from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
-from ident.setup import Shift
 from ident.tolerances import DRIVE
 
 CHUNK_COMPILED = 256
@@ -39,27 +37,20 @@ CHUNK_COMPILED = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
-    """Channels as functions of a trajectory and of parameters θ = [ψ, drives, offsets, set-up].
+class Measurement(ChannelParameters):
+    """Channels as functions of a trajectory and of `ChannelParameters` θ.
 
     Attributes:
-        equations: Channels and columns.
         frame: Pose of the ground sensor's frame in the base frame (4, 4); None where nothing holds the base: then the
             sum of all wrenches about the base frame's origin is zero.
         components: Components of the wrench that are channels.
         contacts: Sensors of the other wrenches by name.
-        setup: Set-up parameters.
-        moving: True if the base moves and is tracked; its position and quaternion are then the first coordinates. For
-            a mechanism with a carrier the carrier's joints are.
         tracked: Tracked bodies by the names of their poses, which are channels after those of the equations.
     """
 
-    equations: Equations
     frame: np.ndarray | None
     components: tuple[int, ...]
     contacts: dict[str, Sensor]
-    setup: tuple[SetupParameter, ...]
-    moving: bool = False
     tracked: Mapping[str, Tracked] = field(default_factory=dict)
 
     @property
@@ -71,25 +62,9 @@ class Measurement:
         return self.frame is None and len(self.components) == len(COMPONENTS)
 
     @property
-    def tree(self) -> Tree:
-        """The mechanism's tree."""
-        return self.equations.mechanism.tree
-
-    @property
     def width(self) -> int:
         """Number of channels C, those of tracked bodies included."""
         return len(self.equations.channels) + WIDTH * len(self.tracked)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters θ."""
-        return (*self.equations.names, *(each.name for each in self.setup))
-
-    @property
-    def of_base(self) -> int:
-        """Number of coordinates of the base's motion: its carrier's joints', or a position and a quaternion."""
-        carrier = self.equations.mechanism.carrier
-        return carrier.tree.size if carrier else 7 if self.moving else 0
 
     @cached_property
     def coordinates(self) -> int:
@@ -106,25 +81,6 @@ class Measurement:
     def _places(self) -> list[np.ndarray]:
         """Indices of the coordinates of each body's joint."""
         return self.tree.body_coordinates(np.arange(self.of_base, self.coordinates))
-
-    @cached_property
-    def setup_at(self) -> dict[int, SetupParameter]:
-        """Set-up parameters by their index in θ."""
-        return dict(enumerate(self.setup, len(self.equations.names)))
-
-    @cached_property
-    def shifts(self) -> dict[int, Shift]:
-        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        return self._shifts(of_poses=False)
-
-    @cached_property
-    def pose_shifts(self) -> dict[int, Shift]:
-        """Shifts of the true times of poses by index in θ."""
-        return self._shifts(of_poses=True)
-
-    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
-        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
-        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
 
     @property
     def smooth(self) -> bool:
@@ -146,10 +102,6 @@ class Measurement:
                 for lead, others in zip(self.tree.bodies, self._places, strict=True):
                     out[i, others] |= lead.joint in closure.independent
         return out
-
-    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """Indices in θ of the set-up parameters of a kind, by axis."""
-        return {s.axis: at for at, s in self.setup_at.items() if s.kind == kind and (not of or s.of == of)}
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, N).
@@ -174,23 +126,13 @@ class Measurement:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
         if not self.is_displaced(theta):
             return self._derivatives(self._recorder._gradients_program, (states, wrenches, theta), columns)
-        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._recorder._unseen[0]))
+        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._unseen[0]))
         inputs = states, wrenches, theta
         values, by_states, by = self._derivatives(self._recorder._displaced_program, inputs, np.append(columns, unseen))
         by_theta, by_unseen = np.split(by, [len(columns)], axis=1)
         of_bodies = columns < rank
-        by_theta[:, of_bodies] += self._recorder._unseen[1][:, columns[of_bodies]].T @ by_unseen
+        by_theta[:, of_bodies] += self._unseen[1][:, columns[of_bodies]].T @ by_unseen
         return values, by_states, by_theta
-
-    def is_displaced(self, theta: np.ndarray) -> bool:
-        """True if ψ was regrouped for other joints, or for another gravity, than θ has."""
-        return any(theta[at] for at in self._regrouping)
-
-    @cached_property
-    def _regrouping(self) -> list[int]:
-        """Indices in θ of what changes how φ is regrouped; on a moving base, gravity does not."""
-        kinds = ("axis", "centre") if self.of_base else ("axis", "centre", "gravity")
-        return [at for at, each in self.setup_at.items() if each.kind in kinds]
 
     def _derivatives(
         self, recorded: tuple[Program, np.ndarray], inputs: tuple[np.ndarray, ...], columns: np.ndarray
@@ -244,30 +186,16 @@ class Measurement:
         return out.T
 
     @cached_property
-    def _unseen(self) -> tuple[np.ndarray, np.ndarray]:
-        of_model, changes = loads.unseen(self.equations)
-        return of_model, changes if self._regrouping else 0 * changes
-
-    def unseen(self, theta: np.ndarray) -> np.ndarray:
-        """Likeliest dependent entries of φ (d,)."""
-        (of_model, changes), rank = self._recorder._unseen, self.equations.parameters.rank
-        return of_model + changes @ (theta[:rank] - self.equations.from_model[:rank])
-
-    def beside(self, theta: np.ndarray) -> np.ndarray:
-        """φ that acts beside ψ, by which no channel is changed at the model's joints (10 b,)."""
-        return loads.beside(self.equations, self.unseen(theta))
-
-    @cached_property
     def _slips(self) -> np.ndarray:
         """Velocities over which Coulomb friction changes sign, empty if no torque is a channel."""
         if not self.equations.torques:
             return np.zeros(0)
-        return loads.SLIP * self.equations.axes.gears if self.equations.slips is None else self.equations.slips
+        return SLIP * self.equations.axes.gears if self.equations.slips is None else self.equations.slips
 
     def with_slips(self, slips: np.ndarray) -> "Measurement":
         """Measurement with other slips (m,) and the same programs, of which slips are inputs."""
         other = replace(self, equations=replace(self.equations, slips=slips))
-        other.__dict__["_recorder"] = self._recorder
+        other.__dict__.update(_recorder=self._recorder, _unseen=self._unseen)
         return other
 
     @cached_property
@@ -335,7 +263,7 @@ class Measurement:
         motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
         drives = np.zeros(len(tree.freedoms))
         if equations.torques:
-            drives = loads.drive_torques(equations, motion.states, theta, slips)
+            drives = equations.drive_torques(motion.states, theta, slips)
 
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
@@ -343,7 +271,9 @@ class Measurement:
             torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
-        own = read(loads.inertial_wrenches(equations, motions, theta, unseen), drives, theta)
+        phi = self.with_dependent(unseen)
+        phi[list(equations.parameters.kept)] += theta[: equations.parameters.rank]
+        own = read(body_wrenches(self.tree, motions, phi), drives, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
@@ -372,57 +302,11 @@ class Measurement:
             out += reading(T, measured[:, k].reshape(REFERENCES))
         return out
 
-    def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
-        zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
-        off = np.array([0.0 if at is None else theta[at] for at in zeros])
-        return self.tree.freedom_coordinates(q) + off
-
-    def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
-        """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
-        at = self.of_kind(kind, of)
-        return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
-
-    def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
-        """Pose of a frame of a sensor, a tracker or markers where it was stated or aligned (4, 4)."""
-        return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
-
-    def gravity(self, theta: np.ndarray) -> np.ndarray:
-        """Acceleration of gravity, tilted (3,)."""
-        return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
-
-    def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
-        """Gain 1 + g of each channel, or of each named one, as numbers or signals."""
-        at = [self.of_kind("gain", name) or self.of_kind("scale", name) for name in of or self.equations.channels]
-        return [1 + theta[own[None]] if own else 1.0 for own in at]
-
     def torque_gains(self, theta: np.ndarray) -> np.ndarray:
         """Gains of the torques, 1 for the components of a wrench (C,)."""
         gains = np.array(self.gains(theta), float)
         gains[: len(self.components)] = 1
         return gains
-
-    def constants(self, theta: np.ndarray) -> np.ndarray:
-        """Constant offset of each channel (C,)."""
-        out, equations = np.zeros(len(self.equations.channels)), self.equations
-        first = equations.parameters.rank + len(equations.drives)
-        out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
-        return out
-
-    def corrected_tree(self, theta: np.ndarray) -> Tree:
-        """Tree with joints displaced, and hinges' axes tilted, each about its point closest to the body's origin."""
-        bodies = list(self.tree.bodies)
-        for i, body in enumerate(bodies):
-            if body.joint and self.of_kind("axis", body.joint):
-                v, w = body.twist[:3], body.twist[3:]
-                axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
-                bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
-        for joint, members in self.tree.compounds.items():
-            if self.of_kind("centre", joint):
-                first = bodies[k := self.tree.first_link(members[0])]
-                place = first.home[:3, 3] + self._vector("centre", joint, theta)
-                bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
-        return replace(self.tree, bodies=tuple(bodies))
 
     @property
     def _on(self) -> Tree | None:

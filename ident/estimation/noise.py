@@ -16,7 +16,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import body_index
 from ident.mechanism.tree import Tree
 from ident.recordings.smoothing import UNIFORM, quanta
-from ident.tolerances import DRIVE_UNITS
+from ident.tolerances import DRIVE_UNITS, NORMAL_MAD
 
 STRETCH = 1.2
 """Assumed ratio of the noise's correlation time to that of the residuals."""
@@ -201,6 +201,14 @@ def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:
     steps = np.array([quanta(part.T) for part in parts])
     smallest = np.where(steps > 0, steps, np.inf).min(axis=0)
     return np.where(np.isfinite(smallest), UNIFORM * smallest, 0.0)
+
+
+def spread(residual: np.ndarray) -> np.ndarray:
+    """Standard deviation of each channel from the median absolute deviation, the usual one if most entries agree."""
+    spread = NORMAL_MAD * np.median(np.abs(residual), axis=0)
+    usual = residual.std(axis=0)
+    floor = max(1e-9 * usual.max(initial=0), 1e-12)
+    return np.maximum(np.where(spread > 1e-3 * usual, spread, usual), floor)
 
 
 def unit_of(parameter: str) -> str | None:

@@ -10,12 +10,19 @@ import numpy as np
 from ident.arguments import checked_names, rpy_text
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.loads import absorbed_note, drives_of, passive_drives, predicted_channels, usual_drives
+from ident.estimation.accumulator import separable
+from ident.estimation.equations import (
+    COMPONENTS,
+    Equations,
+    absorbed_note,
+    drives_of,
+    passive_drives,
+    predicted_channels,
+    usual_drives,
+)
 from ident.estimation.recorded_motion import check_tracked, motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
-from ident.estimation.separation import separable
 from ident.files.table import BASE
 from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
@@ -375,38 +382,6 @@ class Part(NamedTuple, Generic[Chosen]):
 def length(parts: Sequence[Part[slice]]) -> int:
     """Number of samples of parts that are spans."""
     return sum(part.samples.stop - part.samples.start for part in parts)
-
-
-def flat_channels(parts: Sequence[Part[slice]]) -> dict[str, float]:
-    """Channels that are constant in the parts of recordings to fit, with their values."""
-    every = [repairs.constants(part.log.recording, part.log.mechanism.tree, part.samples) for part in parts]
-    return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
-
-
-def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
-    """Recording without channels that are constant in the fitted samples; a note or a finding reports them.
-
-    Args:
-        log: The recording.
-        flat: Channels to leave out and their values.
-    """
-    mechanism, motion, old, notes = log.mechanism, log.samples.motion, log.equations, list(log.notes)
-    kept = [k for k, name in enumerate(old.channels) if name not in flat]
-    samples = replace(log.samples, measured=log.samples.measured[:, kept])
-    channels = tuple(old.channels[k] for k in kept)
-    equations, sensors = equations_of(mechanism, log.recording, log.frame, samples, channels, log.drives)
-    predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
-    stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)
-    return replace(
-        log,
-        recording=repairs.without_channels(log.recording, mechanism.tree, flat),
-        equations=equations,
-        samples=samples,
-        sensors=sensors,
-        wrench=np.where(np.isin(COMPONENTS, list(flat)), np.nan, log.wrench),
-        notes=tuple(notes),
-        stuck=(*log.stuck, *stuck),
-    )
 
 
 def filtered(prepared: Prepared, cutoff: float | None) -> tuple[Samples, np.ndarray]:

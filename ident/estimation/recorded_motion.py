@@ -35,9 +35,9 @@ USUAL = 0.1
 WIDTH, REFERENCES = 6, 12
 """Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
 
-ALIGNED, COARSE, EXACT = 100, 100, 1e-12
-"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; number of
-evaluations from each turn by right angles, enough to tell the best; and tolerance of the fit from that."""
+ALIGNED, COARSE = 100, 100
+"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
+number of evaluations from each turn by right angles, enough to tell the best."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -285,7 +285,7 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
 
     starts = (begun(turn) for turn in Rotation.create_group("O"))
     best = min((least_squares(errors, x, method="lm", max_nfev=COARSE) for x in starts), key=lambda fit: fit.cost)
-    solved = frames(least_squares(errors, best.x, method="lm", ftol=EXACT, xtol=EXACT, gtol=EXACT).x)
+    solved = frames(least_squares(errors, best.x, method="lm").x)
     return {
         name: Tracked(tree.names.index(each.body), F, M, TRACKER if each.frame is None else "a stated frame")
         for (name, each), (F, M) in zip(trackers.items(), solved, strict=True)

@@ -1,13 +1,23 @@
-"""Samples for identification: a motion and measured channels, in one piece or many."""
+"""Samples for identification: a motion and measured channels, in one piece or many; and an ordered map over pieces."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
+from ident.arguments import described
 from ident.errors import InputError
 from ident.mechanism import motion
 from ident.mechanism.motion import Motion, Which
+from ident.mechanism.tree import Tree
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +43,39 @@ class Samples:
         each = self.covariance is not None and self.covariance.ndim == 3
         covariance = self.covariance[which] if each else self.covariance  # type: ignore[index]
         return Samples(self.motion[which], self.measured[which], covariance)
+
+    def checked(self, tree: Tree, channels: int, where: str = "The samples") -> "Samples":
+        """The samples, checked to fit a mechanism and a number of channels.
+
+        Raises:
+            InputError: They do not fit or are not finite; the message names the array and the place in it.
+        """
+        if not isinstance(self.motion, Motion):
+            raise InputError(f"{where} must have a Motion, got {described(self.motion)}.")
+        widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
+        widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
+        for name, x in arrays_of(self).items():
+            if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
+                kind = getattr(x, "dtype", type(x))
+                raise InputError(f"{where}: '{name}' must be an array of real numbers, got {kind}.")
+            if x.ndim != 2 or x.shape[1] != widths[name] or len(x) != len(self) or not len(x):
+                raise InputError(
+                    f"{where}: '{name}' needs a row for each of {len(self)} samples and {widths[name]} columns, got "
+                    f"{x.shape}."
+                )
+            # Adding up needs no memory; only arrays whose sum is not finite are searched.
+            with np.errstate(invalid="ignore", over="ignore"):
+                suspect = not np.isfinite(x.sum(dtype=float))
+            if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
+                raise InputError(
+                    f"{where}: '{name}' needs finite numbers; sample {finite.argmin()} has NaN or infinity."
+                )
+        shapes = ((channels, channels), (len(self), channels, channels))
+        if self.covariance is not None and np.shape(self.covariance) not in shapes:
+            raise InputError(
+                f"{where}: 'covariance' needs the shape {shapes[0]} or {shapes[1]}, got {np.shape(self.covariance)}."
+            )
+        return replace(self, motion=self.motion.checked_further(tree))
 
 
 def whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -85,3 +128,38 @@ def joined(parts: Sequence[Samples]) -> Samples:
 def arrays_of(samples: Samples) -> dict[str, np.ndarray]:
     """Arrays by their names in messages."""
     return {"q": samples.motion.q, "dq": samples.motion.dq, "ddq": samples.motion.ddq, "measured": samples.measured}
+
+
+def in_order(
+    executor: Executor, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int | None = None
+) -> Generator[Result, None, None]:
+    """Yields `map(function, items)` computed by an executor, in the order of the items.
+
+    An item is drawn and submitted only when fewer than `ahead` results are pending or not yet taken, so that items may
+    be large and endless. Pending work is cancelled when the iterator is closed or anything fails; an error is raised
+    at its item's turn, after the results of all items before it.
+
+    Args:
+        executor: Any executor: threads, processes, a cluster's. It stays open.
+        function: Function of an item; for other processes a module-level function or a partial of one.
+        items: Arguments, drawn one by one in the thread that takes the results.
+        ahead: Largest number of items submitted and not yet taken; more than the number of workers keeps all of them
+            busy. By default twice the number of local processors.
+
+    Raises:
+        InputError: `ahead` is not positive.
+    """
+    ahead = 2 * (os.cpu_count() or 1) if ahead is None else ahead
+    if ahead < 1:
+        raise InputError(f"At least one item must be submitted ahead, got {ahead}.")
+    waiting = iter(items)
+    pending: deque[Future[Result]] = deque()
+    try:
+        while True:
+            pending.extend(executor.submit(function, item) for item in islice(waiting, ahead - len(pending)))
+            if not pending:
+                return
+            yield pending.popleft().result()
+    finally:
+        for future in pending:
+            future.cancel()

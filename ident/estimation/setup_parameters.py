@@ -1,20 +1,24 @@
 """Set-up parameters of the channels of a recording: the kinds of `ident.setup`, for every object that has them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.geometry.se3 import hat, pose, small_rotation
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
+from ident.model.adjoint import Value
 from ident.parameters.person_prior import without_side
+from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
-from ident.setup import SETUP, SetupKind
+from ident.setup import SETUP, SetupKind, Shift
+from ident.tolerances import ROUNDING
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -72,9 +76,8 @@ class SetupParameter:
 
     def sign(self, value: float) -> str:
         """Words for the sign of an error."""
-        if not self.link:
-            return self.text(self.row.signs[value <= 0])
-        return self.text(self.row.along[(value <= 0) != self.link.startswith("-")])
+        words = self.row.along if self.link else self.row.signs
+        return self.text(words[(value <= 0) != self.link.startswith("-")])
 
 
 def name_in_log(name: str, log: int) -> str:
@@ -87,7 +90,7 @@ class Subject(NamedTuple):
 
     Attributes:
         name: Its name, "" for gravity.
-        axes: Axes along which it may; one None if it has no axes.
+        axes: Axes along which it may; by default one None, as it has none.
         place: As for `SetupParameter`.
         std: Standard deviation of its own, by default the kind's.
         links: `SetupParameter.link` by axis.
@@ -96,8 +99,8 @@ class Subject(NamedTuple):
     """
 
     name: str
-    axes: Sequence[int | None]
-    place: Mapping[str, tuple[str, ...]]
+    axes: Sequence[int | None] = (None,)
+    place: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     std: float | None = None
     links: Mapping[int | None, str] = MappingProxyType({})
     together: Mapping[int | None, Mapping[str, float]] = MappingProxyType({})
@@ -179,30 +182,26 @@ def objects(
     hinges = [i for i, body in enumerate(tree.bodies) if body.coordinates and body.turns]
     # A tilted axis would open its loop.
     loops = tree.closure.part.names if tree.closure else ()
+    gained = [name for name in channels if name not in (*commanded, *scales)]
     return {
-        "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
-        "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
+        "clocks": [Subject(TOGETHER.join(together), place={"wrenches": together})] if together else [],
+        "commands": [Subject("")] if len(commanded) == len(equations.channels) > 0 else [],
         "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)]
-        + [Subject(name, range(3), {}, constant=UNKNOWN) for name in unknown],
-        "channels": [
-            Subject(name, (None,), {"channels": (name,)}) for name in channels if name not in (*commanded, *scales)
-        ]
-        + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
-        "scales": [Subject(name, (None,), {"channels": (name,)}, std) for name, std in scales.items()],
-        "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
-        "angles": [Subject(name := tree.bodies[i].joint, (None,), {"joints": (name,)}) for i in hinges],
+        + [Subject(name, range(3), constant=UNKNOWN) for name in unknown],
+        "channels": [Subject(name, place={"channels": (name,)}) for name in gained]
+        + [Subject(f"{name} {x}", place={"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
+        "scales": [Subject(name, place={"channels": (name,)}, std=std) for name, std in scales.items()],
+        "gravity": [Subject("", across(gravity))] if np.any(gravity) else [],
+        "angles": [Subject(name := tree.bodies[i].joint, place={"joints": (name,)}) for i in hinges],
         "axes": [_axis(tree, i) for i in hinges if tree.names[i] not in loops],
         "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
-        CLOCKS: [Subject("", (None,), {})] if trackers else [],
+        CLOCKS: [Subject("")] if trackers else [],
     }
 
 
 ALONG = 0.97
 """Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
 link."""
-
-PARALLEL = 1e-9
-"""Largest component of a unit vector across another one with which they are parallel, but for rounding."""
 
 OF_JOINTS = ("angles", "axes", "centres")
 """Objects of the kinds of errors that displace or turn bodies."""
@@ -228,7 +227,7 @@ def _axis(tree: Tree, i: int) -> Subject:
     t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*axes}
     tilts = t - np.outer(w / w[c], t[c])
     together: dict[int | None, Mapping[str, float]] = {
-        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > PARALLEL} for k in axes
+        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > ROUNDING} for k in axes
     }
     return Subject(body.joint, axes, {"joints": (body.joint,)}, together=together)
 
@@ -260,12 +259,12 @@ def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracke
         turns, R = np.zeros((3, 0)), np.eye(3)
         for i in reversed(tree.chain(parent)):
             turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
-        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > PARALLEL).any()]
+        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > ROUNDING).any()]
         other = "" if parent == BASE else names.get(tree.first_link(parent), "")
         links, lengths = dict[int | None, str](), dict[int | None, Mapping[str, float]]()
         if other:
             link = _home(tree, members[0], first) @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent])
-            link /= max(np.linalg.norm(link), PARALLEL)
+            link /= max(np.linalg.norm(link), ROUNDING)
             links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG}
             ends = " to ".join(without_side(name) for name in (other, joint))
             lengths = {k: {ends: float(link[k])} for k in links or axes}
@@ -282,3 +281,154 @@ def _centre(body: Body) -> np.ndarray:
 def across(direction: np.ndarray) -> list[int]:
     """Indices of the two coordinate axes farthest from a direction."""
     return sorted(np.argsort(np.abs(np.asarray(direction, float)), kind="stable")[:2].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelParameters:
+    """Parameters θ = [ψ, drives, offsets, set-up] of channels, and what their values state.
+
+    Attributes:
+        equations: Channels and columns.
+        setup: Set-up parameters.
+        moving: True if the base moves and is tracked; its position and quaternion are then the first coordinates. For
+            a mechanism with a carrier the carrier's joints are.
+    """
+
+    equations: Equations
+    setup: tuple[SetupParameter, ...]
+    moving: bool
+
+    @property
+    def tree(self) -> Tree:
+        """The mechanism's tree."""
+        return self.equations.mechanism.tree
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters θ."""
+        return (*self.equations.names, *(each.name for each in self.setup))
+
+    @cached_property
+    def setup_at(self) -> dict[int, SetupParameter]:
+        """Set-up parameters by their index in θ."""
+        return dict(enumerate(self.setup, len(self.equations.names)))
+
+    @cached_property
+    def shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
+        return self._shifts(of_poses=False)
+
+    @cached_property
+    def pose_shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of poses by index in θ."""
+        return self._shifts(of_poses=True)
+
+    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
+        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
+        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
+
+    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
+        """Indices in θ of the set-up parameters of a kind, by axis."""
+        return {s.axis: at for at, s in self.setup_at.items() if s.kind == kind and (not of or s.of == of)}
+
+    def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
+        """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
+        at = self.of_kind(kind, of)
+        return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
+
+    def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
+        """Pose of a frame of a sensor, a tracker or markers where it was stated or aligned (4, 4)."""
+        return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
+
+    def gravity(self, theta: np.ndarray) -> np.ndarray:
+        """Acceleration of gravity, tilted (3,)."""
+        return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
+
+    def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
+        """Gain 1 + g of each channel, or of each named one, as numbers or signals."""
+        at = [self.of_kind("gain", name) or self.of_kind("scale", name) for name in of or self.equations.channels]
+        return [1 + theta[own[None]] if own else 1.0 for own in at]
+
+    def constants(self, theta: np.ndarray) -> np.ndarray:
+        """Constant offset of each channel (C,)."""
+        out, equations = np.zeros(len(self.equations.channels)), self.equations
+        first = equations.parameters.rank + len(equations.drives)
+        out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
+        return out
+
+    def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
+        zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
+        off = np.array([0.0 if at is None else theta[at] for at in zeros])
+        return self.tree.freedom_coordinates(q) + off
+
+    def corrected_tree(self, theta: np.ndarray) -> Tree:
+        """Tree with joints displaced, and hinges' axes tilted, each about its point closest to the body's origin."""
+        bodies = list(self.tree.bodies)
+        for i, body in enumerate(bodies):
+            if body.joint and self.of_kind("axis", body.joint):
+                v, w = body.twist[:3], body.twist[3:]
+                axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
+                bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
+        for joint, members in self.tree.compounds.items():
+            if self.of_kind("centre", joint):
+                first = bodies[k := self.tree.first_link(members[0])]
+                place = first.home[:3, 3] + self._vector("centre", joint, theta)
+                bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
+        return replace(self.tree, bodies=tuple(bodies))
+
+    @property
+    def of_base(self) -> int:
+        """Number of coordinates of the base's motion: its carrier's joints', or a position and a quaternion."""
+        carrier = self.equations.mechanism.carrier
+        return carrier.tree.size if carrier else 7 if self.moving else 0
+
+    @cached_property
+    def _regrouping(self) -> list[int]:
+        """Indices in θ of what changes how φ is regrouped; on a moving base, gravity does not."""
+        kinds = ("axis", "centre") if self.of_base else ("axis", "centre", "gravity")
+        return [at for at, each in self.setup_at.items() if each.kind in kinds]
+
+    def is_displaced(self, theta: np.ndarray) -> bool:
+        """True if ψ was regrouped for other joints, or for another gravity, than θ has."""
+        return any(theta[at] for at in self._regrouping)
+
+    @cached_property
+    def _unseen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Dependent entries of φ by the model (d,), and their likeliest changes by those of ψ (d, r).
+
+            φ_d(ψ) = φ_d + D (ψ - ψ_model),        D = (S Bᵀ)_d (B S Bᵀ)⁻¹
+
+        with ψ = B φ and S the prior covariance of φ. No channel shows them at the joints of the model, but where these
+        are displaced or tilted, ψ alone is no body: it may have -1700 kg where two joints are 10 mm apart.
+        """
+        mechanism, parameters = self.equations.mechanism, self.equations.parameters
+        dependent, rank = list(parameters.dependent), parameters.rank
+        prior = np.zeros(len(parameters.parameters)) if mechanism.prior is None else mechanism.prior
+        if not self._regrouping or not (prior[::10] > 0).any():
+            return prior[dependent], np.zeros((len(dependent), rank))
+        covariance = known_covariance(mechanism, parameters, absorbed=self.equations.absorbed)
+        of_bodies, rows = known_roots(mechanism).reshape(-1, 10, 10), known_rows(mechanism, parameters)
+        across = np.einsum("bkp,bkr->bpr", of_bodies, rows.reshape(-1, 10, rank)).reshape(-1, rank)[dependent]
+        scale = np.sqrt(np.diag(covariance))
+        changes = np.linalg.solve(covariance / np.outer(scale, scale), across.T / scale[:, None])
+        return prior[dependent], changes.T / scale
+
+    def unseen(self, theta: np.ndarray) -> np.ndarray:
+        """Likeliest dependent entries of φ (d,)."""
+        (of_model, changes), rank = self._unseen, self.equations.parameters.rank
+        return of_model + changes @ (theta[:rank] - self.equations.from_model[:rank])
+
+    def beside(self, theta: np.ndarray) -> np.ndarray:
+        """φ that acts beside ψ, by which no channel is changed at the model's joints (10 b,)."""
+        return self.with_dependent(self.unseen(theta))
+
+    def with_dependent(self, unseen: np.ndarray) -> np.ndarray:
+        """φ of dependent entries (d,) and base parameters of zero, numbers or signals (10 b,)."""
+        parameters = self.equations.parameters
+        phi = np.zeros(len(parameters.parameters), unseen.dtype)
+        phi[list(parameters.dependent)] = unseen
+        for row, beta in zip(parameters.kept, parameters.beta, strict=True):
+            for k in np.flatnonzero(beta):
+                phi[row] = phi[row] - beta[k] * unseen[k]
+        return phi

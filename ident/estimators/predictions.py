@@ -9,8 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimation.equations import Equations
-from ident.estimation.loads import stated_drive_channels
+from ident.estimation.equations import Equations, stated_drive_channels
 from ident.estimation.preparation import Part
 from ident.estimation.samples import Samples, joined
 from ident.judgement.evidence import Unmodelled

@@ -8,10 +8,11 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimate import Estimate
+from ident.estimation.accumulator import excited, separable, undetermined
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
-from ident.estimation.separation import excited, separable, undetermined
+from ident.estimators.least_squares import FilteredLeastSquares, filtered_least_squares
 from ident.estimators.predictions import Candidate, Predictions
 from ident.judgement.agreement import differences, disagreements, widening, widenings, without
 from ident.judgement.checks import wrench_checks
@@ -19,7 +20,6 @@ from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import beyond_fast_noise
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
-from ident.regression.conventional import FilteredLeastSquares, filtered_least_squares
 from ident.regression.held_out import LEAST_SQUARES, MODEL
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit

@@ -14,8 +14,7 @@ from html import escape
 import numpy as np
 from scipy import special
 
-from ident.display.brief import Worded, html_table
-from ident.display.text import rounded
+from ident.display.brief import Worded, html_table, rounded
 from ident.errors import ExcitationError, InputError
 from ident.estimation.noise import unit_of
 from ident.geometry.inertia import with_bodies

@@ -9,8 +9,7 @@ from scipy import linalg
 
 from ident.errors import InputError
 from ident.estimation.accumulator import triangle_of
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.loads import predicted_channels
+from ident.estimation.equations import COMPONENTS, predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import applied, coAd, hat, inverse
 from ident.judgement import model_fit

@@ -6,6 +6,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from ident.estimation.noise import spread
 from ident.estimation.preparation import Part, Prepared
 from ident.estimation.samples import Samples, joined
 from ident.judgement.checks import Checks, checked
@@ -18,7 +19,6 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.body_bounds import BodyPrior, Rotors, scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, guessed
-from ident.regression.conventional import spread
 from ident.regression.held_out import ESTIMATE, HeldOut
 from ident.regression.ordinary import Fit
 from ident.tolerances import CONDITION_LIMIT, ROUNDING

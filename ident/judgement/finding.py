@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display.text import rounded
+from ident.display.brief import rounded
 from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.wording import NAMED, InWords, listed
 from ident.setup import SETUP

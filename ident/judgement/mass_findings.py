@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
+from ident.estimation.accumulator import separable
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.noise import coefficient_unit
-from ident.estimation.separation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence

@@ -18,8 +18,7 @@ import numpy as np
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.loads import stated_drive_torques
+from ident.estimation.equations import COMPONENTS, stated_drive_torques
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.judgement.torque_checks import drive_rows, without_drives

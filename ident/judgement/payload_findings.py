@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from scipy import special
 
-from ident.display.text import rounded
+from ident.display.brief import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.equations import Equations
-from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
+from ident.estimation.equations import SLIP, Equations, drives_of, stated_drive_torques
 from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples

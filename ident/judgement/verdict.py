@@ -7,8 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ident.display.brief import Worded
-from ident.display.text import rounded
+from ident.display.brief import Worded, rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
 from ident.judgement import fit_findings as fit

@@ -19,8 +19,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.annotations import typed
-from ident.display.bodies import QUANTITIES, UNITS, BodyValue, bodies_frame, bodies_text, comments
-from ident.display.brief import Brief, listed
+from ident.display.brief import QUANTITIES, UNITS, BodyValue, Brief, bodies_frame, bodies_text, comments, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters

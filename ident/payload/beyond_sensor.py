@@ -29,7 +29,7 @@ from ident.geometry.se3 import hat
 from ident.identification import identified
 from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.identified_payload import SIZE, Payload, pose_of_body
+from ident.payload import SIZE, Payload, pose_of_body
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor

@@ -32,8 +32,8 @@ from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.body_bounds import scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
+from ident.payload import Payload, SensorParameter
 from ident.payload.beyond_sensor import DENSITY
-from ident.payload.identified_payload import Payload, SensorParameter
 from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
@@ -331,7 +331,7 @@ def identify_load(
         loaded: The same channels with the load.
         body: Name of the body that carries the load rigidly; by default the one that recordings state.
         mass: Mass of the load by a scale, kg: it fixes the scale of torques that is stated to be uncertain.
-        mass_std: Its standard deviation, kg.
+        mass_std: Its standard deviation, kg; unused without it.
         offsets: As for `identify`; so are `holdout` and `setup`.
         report: Called with every iteration of the estimates.
 
@@ -348,8 +348,6 @@ def identify_load(
             f"One load is identified at a time, but body and recordings state one on {' and '.join(bodies)}."
         )
     body = "".join(bodies)
-    if mass is None and mass_std:
-        raise InputError(f"mass_std is the standard deviation of mass, which is not given; got {mass_std:g}.")
     if body not in robot.bodies:
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."

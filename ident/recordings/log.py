@@ -146,7 +146,7 @@ def _pieces(
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
         hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
-        raise LogError(f"{path}: {error}{hint}", path) from None
+        raise LogError(f"{path}: {error}{hint}") from None
 
 
 def _recordings(

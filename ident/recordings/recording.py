@@ -386,7 +386,7 @@ class Recording(Brief):
             for fields in load(file, samples, limit=limit):
                 yield cls(**fields)
         except (LogError, OSError) as error:
-            raise LogError(f"{path}: {error}", file) from error
+            raise LogError(f"{path}: {error}") from error
 
 
 def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

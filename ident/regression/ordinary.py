@@ -4,31 +4,40 @@ minimise ‖Y ψ - Γ‖²        in one pass and bounded memory, by `ident.esti
 cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the residuals, in one pass or two
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from itertools import chain
 from operator import add
 
 import numpy as np
 from scipy.linalg import lapack
 
 from ident.annotations import typed
-from ident.errors import InputError
+from ident.errors import ExcitationError, InputError
 from ident.estimation import accumulator
-from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.accumulator import Accumulator, accumulate, contributing
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
-from ident.estimation.samples import Samples, even
-from ident.estimation.separation import check_excitation, noise_rows
-from ident.estimation.sources import Source, in_order, pieces
+from ident.estimation.samples import Samples, even, in_order
+from ident.files.table import listed
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters
-from ident.tolerances import ZERO_COLUMN
+from ident.recordings.recording import Recording
+from ident.tolerances import SINGULAR, ZERO_COLUMN
+
+Source = Samples | Recording | Iterable[Samples | Recording]
+"""One piece, or an iterable of pieces that need not fit into memory together."""
 
 PIECE = 65536
 """Samples per piece of work for one worker."""
+
+ABOVE_NOISE = 1.5
+"""Norm of a column combination over that of its noise above which it counts as excited."""
+
+FEW_SAMPLES = 1000
+"""Number of samples by which the noise of the regressor is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +54,6 @@ class Fit:
         rows: Number of rows, without channels that no parameter affects.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
-        method: Method of solution.
-        noise: Noise for which `std` is valid: "white from sample to sample", or "correlated over time or not".
     """
 
     equations: Equations
@@ -57,8 +64,6 @@ class Fit:
     rows: int
     samples: int
     residual_norms: np.ndarray
-    method: str
-    noise: str
 
     @property
     def parameters(self) -> BaseParameters:
@@ -139,7 +144,6 @@ def least_squares(
     state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     factor: np.ndarray | None = None,
     executor: Executor | None = None,
-    ahead: int | None = None,
 ) -> Fit:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
@@ -158,7 +162,6 @@ def least_squares(
             computed from the first samples.
         executor: Executor for the pieces; by default they are computed here. Pieces in memory are split for it. Its
             workers should use one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
-        ahead: Number of pieces to submit ahead, more than there are workers; by default that of `in_order`.
 
     Returns:
         The fit, independent of the division into pieces to rounding; its `epsilon` is the residual of Eq. 5.
@@ -167,24 +170,122 @@ def least_squares(
         InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.
         ExcitationError: The motion does not separate the parameters.
     """
-    stream = pieces(source, equations)
-    first = next(stream)
-    noise = None if state_noise is None else noise_rows(equations, first, state_noise)
-    if executor is None:
-        accumulated = accumulate(equations, first, factor=factor, checked=True)
-        for piece in stream:
-            accumulated = accumulate(equations, piece, start=accumulated, checked=True)
+    parts = _split(pieces(source, equations))
+    first = next(parts)
+    work = partial(accumulate, equations, checked=True)
+    total = work(first, factor=factor)
+    # Accumulators in common coordinates add without a change of coordinates.
+    if executor is not None:
+        total = reduce(add, in_order(executor, partial(work, factor=total.factor), parts), total)
     else:
-        # Accumulators in common coordinates add without a change of coordinates.
-        factor = accumulate(equations, first[: accumulator.PROBE], checked=True).factor if factor is None else factor
-        work = partial(accumulate, equations, factor=factor, checked=True)
-        accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
-    return solve(accumulated, equations, noise)
+        for part in parts:
+            total += work(part, factor=total.factor)
+    return solve(total, equations, None if state_noise is None else noise_rows(equations, first, state_noise))
+
+
+def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
+    """Yields the checked pieces of a source, all with the same columns.
+
+    Args:
+        source: Samples or a recording, or an iterable of them.
+        equations: Equations to fit.
+
+    Raises:
+        InputError: A piece does not fit the mechanism or the first one, or there is none.
+    """
+    first: Samples | None = None
+    alone = isinstance(source, Samples | Recording)
+    for k, piece in enumerate([source] if alone else source):  # type: ignore[arg-type]
+        where = "The samples" if alone else f"Piece {k}"
+        if not isinstance(piece, Samples | Recording):
+            raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
+        samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
+        fitting = equations.checked(samples, where)
+        if first is not None:
+            _compare(samples, first, where)
+        first = first or samples
+        yield fitting
+    if first is None:
+        raise InputError("Identification needs at least one piece of samples, got none.")
+
+
+def _of_recording(recording: Recording, tree: Tree) -> Samples:
+    if recording.base is not None:
+        raise InputError("A recording of a moving base needs the base's motion: make Samples with it.")
+    return Samples(Motion(*recording.joint_states(tree.joints)), recording.total_wrench(tree).in_base)
+
+
+def _compare(samples: Samples, first: Samples, where: str) -> None:
+    optional = {"base": (samples.motion.base, first.motion.base), "covariance": (samples.covariance, first.covariance)}
+    for name, (own, other) in optional.items():
+        if (own is None) != (other is None):
+            raise InputError(f"{where}: either all pieces have '{name}' or none has.")
 
 
 def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
     for piece in stream:
         yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
+
+
+def noise_rows(
+    equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Errors of some rows of the equations due to the noise of the joint states.
+
+    Args:
+        equations: Equations to fit.
+        samples: Measured joint states, of which a few are used.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
+
+    Returns:
+        Rows at states with the noise added once more, less rows at the measured states, whitened where the samples are
+        weighted (rows, columns).
+    """
+    few = samples[:: max(1, len(samples) // FEW_SAMPLES)]
+    rng = np.random.default_rng(0)
+    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(few.motion.states, state_noise, strict=True))
+    noisy = replace(few, motion=Motion(q, dq, ddq, few.motion.base))
+
+    def rows(part: Samples) -> np.ndarray:
+        return np.concatenate([chunk[:-1].reshape(len(chunk) - 1, -1).copy() for chunk in equations.rows(part)], axis=1)
+
+    return (rows(noisy) - rows(few)).T
+
+
+def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
+    """Raises unless the motion separates all parameters.
+
+    The norms of combinations of unit-norm base columns (the singular values) must exceed rounding and, if the
+    regressor's noise is given, `ABOVE_NOISE` times their norm from noise alone: otherwise a joint at rest with noisy
+    sensors would pass for excited.
+
+    Args:
+        root: Square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
+        names: Names of its columns (r,).
+        samples: Number of samples N.
+        noise: Difference between the base regressor at measured states and at states with the sensors' noise added
+            once more, for some samples, 6 rows each (rows, r).
+
+    Raises:
+        ExcitationError: Some combinations are not excited; it names the base parameters in them.
+    """
+    norms = np.linalg.norm(root, axis=0)
+    still = norms <= ZERO_COLUMN * norms.max(initial=0)
+    norms = np.where(still, 1, norms)
+    _, lengths, directions = np.linalg.svd(root / norms)
+    floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
+    if noise is not None:
+        of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
+        floor = np.maximum(floor, ABOVE_NOISE * of_noise)
+    hidden = directions[lengths <= floor]
+    if len(hidden):
+        names = contributing(hidden, names)
+        raise ExcitationError(
+            f"The motion of {samples} samples does not separate the base parameters {listed(names)}: "
+            f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
+            "joints further.",
+            names,
+        )
 
 
 def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
@@ -235,8 +336,6 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         rows=int(measured.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
-        method=f"one pass in QR coordinates, {accumulated.factored} of {accumulated.chunks} chunks by stacked QR",
-        noise="white from sample to sample",
     )
 
 
@@ -294,4 +393,4 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
             sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
-    return replace(fit, covariance=fit.sandwich(sandwich.middle), noise="correlated over time or not")
+    return replace(fit, covariance=fit.sandwich(sandwich.middle))

@@ -178,8 +178,6 @@ def as_fit(estimate: TrajectoryEstimate, samples: Samples, equations: Equations,
         rows=samples.measured.size,
         samples=len(samples),
         residual_norms=np.zeros(samples.measured.shape[1]),
-        method=f"trajectory estimate of trajectory, parameters and noise, {fit.status} after {len(fit.trace)} rounds",
-        noise="on wrenches, torques and joint coordinates, correlated over time or not",
     )
     return replace(out, residual_norms=np.linalg.norm(out.residual(samples), axis=0))
 

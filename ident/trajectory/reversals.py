@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimation.equations import Equations
-from ident.estimation.loads import SLIP
+from ident.estimation.equations import SLIP, Equations
 from ident.estimation.measurement import Measurement
 from ident.tolerances import DRIVE, SINGULAR, STRIBECK
 from ident.trajectory.fit.piece import Piece, clocks

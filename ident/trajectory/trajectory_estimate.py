@@ -163,11 +163,11 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     measured = np.isfinite(prepared.wrench).all(axis=0)
     return Measurement(
         equations,
+        setup_parameters(equations, tuple(plates), setup, held=held, moving=moving, trackers=recording.trackers),
+        moving,
         prepared.frame if held else None,
         tuple(np.flatnonzero(measured).tolist()),
         contacts,
-        setup_parameters(equations, tuple(plates), setup, held=held, moving=moving, trackers=recording.trackers),
-        moving,
         aligned(equations.mechanism, recording, prepared.samples.motion) if recording.trackers else {},
     )
 

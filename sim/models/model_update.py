@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
-from ident.display.bodies import INTERVALS
+from ident.display.brief import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.display.bodies import INTERVALS
+from ident.display.brief import INTERVALS
 from sim.models.inertials import Update, shortened, stated_parts
 from sim.models.xml_files import SAME, ModelFile, digits, restated, set_comment, text_of
 

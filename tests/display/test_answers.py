@@ -15,9 +15,9 @@ from scipy import stats
 from test_commands import scaled
 
 import ident
-from ident.display import text
 from ident.display.brief import html_table
 from ident.errors import InputError
+from ident.estimate import PAGES
 
 pytestmark = pytest.mark.extras
 
@@ -100,7 +100,7 @@ def test_html_is_well_formed_and_escaped(tmp_path, monkeypatch):
     words = words_of(estimate._repr_html_())
     assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
     assert "Replay" not in words and "kg\N{NO-BREAK SPACE}m²" in words
-    monkeypatch.setitem(text.PAGES, estimate, tmp_path / 'a "page"' / "report.html")
+    monkeypatch.setitem(PAGES, estimate, tmp_path / 'a "page"' / "report.html")
     linked = estimate._repr_html_()
     assert "Replay and figures" in linked and "&quot;page&quot;" in linked
     assert re.findall(r">([^<]+)<", html_table(["<b>"], [["a & b"]])) == ["&lt;b&gt;", "a &amp; b"]

@@ -36,7 +36,7 @@ EXPECTED = {
     "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
     "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
     "tables_and_figures.md": r"60 samples of .*ground_force",
-    "long_recordings.md": "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR",
+    "long_recordings.md": "3000 samples, condition number 27",
 }
 """Output of each page's examples, as a regular expression."""
 

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from ident.estimation.accumulator import accumulate, chunks, remembered_sums
 from ident.estimation.equations import Equations
-from ident.estimation.samples import Samples
+from ident.estimation.samples import Samples, joined
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model import compiled
@@ -76,6 +76,22 @@ def test_accumulators_add_in_any_order():
         np.testing.assert_allclose(fit.psi, first.psi, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-13)
         np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
+
+
+def test_a_motion_after_a_long_rest_is_as_accurate_as_alone():
+    """Coordinates of samples at rest are renewed where joints move, in later chunks and in later pieces."""
+    base, posture = find_base_parameters(STRAIGHT, gravity=GRAVITY), np.zeros((2 * CHUNK, 2))
+    rest = sampled(posture, posture, posture, np.zeros((2 * CHUNK, 6)))
+    motion = moved_by(1.0, 2 * CHUNK, noise=1e-6)
+    alone = fitted(STRAIGHT, motion, parameters=base)
+    Y = base_wrench_regressor(STRAIGHT, *rest.motion.states, gravity=GRAVITY, columns=base.kept)
+    still = replace(rest, measured=Y @ alone.psi)
+    for on, source in ((False, joined([still, motion])), (True, [still, motion])):
+        with compiled.switched(on):
+            fit = fitted(STRAIGHT, source, parameters=base)
+        assert fit.samples == 4 * CHUNK
+        np.testing.assert_allclose(fit.psi, alone.psi, rtol=1e-10, atol=1e-11)
+        np.testing.assert_allclose(fit.residual_norms, alone.residual_norms, rtol=1e-6)
 
 
 def test_what_does_not_belong_together_does_not_add():

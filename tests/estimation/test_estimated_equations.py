@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 import ident
 import scenes
 import sim
-from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.loads import stated_drive_torques
+from ident.estimation.equations import COMPONENTS, Equations, stated_drive_torques
 from ident.estimation.preparation import prepared
 from ident.estimation.setup_parameters import setup_parameters
 from ident.geometry.se3 import pose

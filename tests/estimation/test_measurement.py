@@ -9,7 +9,7 @@ from measurements import at, random_inputs, random_measurement
 from mechanisms import JOINTS, SCREWS, moved_states, random_tree, unhat
 from scipy.spatial.transform import Rotation
 
-from ident.estimation.loads import SLIP
+from ident.estimation.equations import SLIP
 from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE

@@ -17,11 +17,10 @@ from slow_pendulum import recorded
 import ident
 from ident.estimation.noise import LEAST, LEAST_OF_POSES, least_noise
 from ident.estimation.preparation import Part, filtered, prepared
-from ident.estimation.samples import arrays_of, even
-from ident.estimation.sources import in_order
+from ident.estimation.samples import arrays_of, even, in_order
+from ident.estimators.least_squares import filtered_least_squares
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.stated import Servo
-from ident.regression.conventional import filtered_least_squares
 from ident.trajectory.late_start import unexplained
 
 TREE = double_pendulum()
@@ -60,7 +59,6 @@ BROKEN[17, 2] = np.nan
     ("pieces", "message"),
     [
         ([WHOLE, with_arrays(q=np.zeros((90, 3)))], "Piece 1: 'q' needs a row for each of 90 samples and 2"),
-        ([WHOLE, with_arrays(dq=STATES[1].astype(np.float32))], "Piece 1: 'dq' is float32 where the first"),
         ([with_arrays(measured=WHOLE.measured * 1j)], "Piece 0: 'measured' must be an array of real numbers"),
         ([with_arrays(q=STATES[0].tolist())], "'q' must be an array of real numbers, got <class 'list'>"),
         ([WHOLE, WHOLE, with_arrays(measured=BROKEN)], "Piece 2: 'measured' needs finite numbers; sample 17"),
@@ -104,8 +102,8 @@ def test_numbers_that_no_sensor_reads_are_one_sentence(of, estimator):
     arm, recording, own = RECORDINGS[of]
     huge = r"^channel '\w+' needs numbers below 1e\+08, sample \d+ has "
     for ends, factor, message in (
-        *((own, factor, "The recording is constant in every channel") for factor in (1e-310, 1e-154, 1e-153, 1e-120)),
-        *((own, factor, huge) for factor in (1e9, 1e154, 1e155, 1e300)),
+        *((own, factor, "The recording is constant in every channel") for factor in (1e-310, 1e-120)),
+        *((own, factor, huge) for factor in (1e9, 1e300)),
         (("_position",), 1e200, r"_position' needs numbers below 1e\+08"),
     ):
         measured = {name: x * factor if name.endswith(ends) else x for name, x in recording.measured.items()}

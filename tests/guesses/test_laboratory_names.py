@@ -19,7 +19,7 @@ from experiments import columns as command
 from experiments.guesses.belief import DOUBTFUL, SURE, write_mapping
 from experiments.guesses.guess import believed
 from ident import Motion, identify_payload
-from ident.estimation.loads import predicted_channels
+from ident.estimation.equations import predicted_channels
 
 TIME = np.arange(1500) / 100
 JOINTS = ("pan", "lift", "elbow")

@@ -9,7 +9,7 @@ from mechanisms import by_joint, sines
 
 import ident
 from ident.errors import InputError, ModelError
-from ident.estimation.loads import stated_drive_torques
+from ident.estimation.equations import stated_drive_torques
 from ident.estimation.preparation import prepared
 from ident.mechanism.motion import Motion
 from ident.model.adjoint import pulled_back

@@ -55,7 +55,6 @@ def test_gram_matrices_are_those_of_blas(seed, bodies, samples, weighted):
     weights = rng.uniform(0.1, 1, size=(samples, 6)) if weighted else None
     factor = accumulate(equations, given).factor
     fast, plain = both(lambda: accumulate(equations, given, factor=factor, factors=weights))
-    assert fast.factored == plain.factored
     close(fast.grams, plain.grams, 1e-13 * len(factor))
     close(fast.factor, plain.factor, 1e-13 * len(factor))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from measurements import random_inputs, random_measurement
 
-from ident.estimation.loads import SLIP, drives_of
+from ident.estimation.equations import SLIP, drives_of
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.tolerances import DRIVE, STRIBECK

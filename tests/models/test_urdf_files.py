@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from commands import sentence_of
 
-from ident.estimation.loads import stated_drive_torques
+from ident.estimation.equations import stated_drive_torques
 from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
 from ident.mechanism.motion import Motion

@@ -8,7 +8,7 @@ from bodies import bodies, forms, measured, regrouping, unphysical, weighed
 from mechanisms import GRAVITY, random_phi, random_tree
 from scipy.optimize import minimize
 
-from ident.display.bodies import QUANTITIES
+from ident.display.brief import QUANTITIES
 from ident.geometry.inertia import (
     PARAMETERS,
     parameter_names,
@@ -25,7 +25,7 @@ from ident.parameters.body_bounds import BodyPrior, Rotors
 from ident.parameters.consistency import consistent_parameters, physical_prior
 from ident.parameters.prior import KNOWN, guessed
 from ident.parameters.structure import Sensors
-from ident.payload.identified_payload import GUESSED
+from ident.payload import GUESSED
 
 
 def problem(seed, bodies=None):

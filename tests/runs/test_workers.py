@@ -13,7 +13,7 @@ from tasks import blocked_signals, die, refuse, size, unpicklable
 from experiments.cli import options, running
 from experiments.runs.environment import THREADS, environment, one_thread_each
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
-from ident.estimation.sources import in_order
+from ident.estimation.samples import in_order
 
 LARGE = bytes(2_000_000)  # More bytes than a pipe holds.
 

@@ -21,7 +21,7 @@ from experiments.data.batch_outcomes import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import workers
 from experiments.runs.workers import DeadWorkerError
-from ident.estimation.sources import in_order
+from ident.estimation.samples import in_order
 from ident.files.atomic import PARTIAL, unwritten
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.mechanism import Mechanism

@@ -91,7 +91,7 @@ def test_a_clock_that_is_fast_is_no_delay():
 def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
     ready = prepared(PENDULUM, faulty(0, delay=0.1))
     at, delay = len(ready.equations.names), SetupParameter("delay", "ground", None, std)
-    measurement = Measurement(ready.equations, ready.frame, tuple(range(6)), {}, (delay,))
+    measurement = Measurement(ready.equations, (delay,), False, ready.frame, tuple(range(6)), {})
     pieces = cut(ready, measurement, slice(0, 600), 0.05)
     theta = np.append(ready.equations.parameters.regroup(PENDULUM.known), 0.0)
     prior = Prior(np.zeros(at + 1), np.diag(np.append(np.zeros(at), std**-2.0)))

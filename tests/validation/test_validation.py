@@ -24,7 +24,7 @@ from experiments.studies.validation import files, run, validation_study
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
-from ident.payload.identified_payload import RigidBody
+from ident.payload import RigidBody
 from sim.models.model_mechanism import mechanism
 from sim.models.notes import ModelNote
 

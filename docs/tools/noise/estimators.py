@@ -31,8 +31,8 @@ from ident.identification import identify
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
+from ident.payload import described
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.identified_payload import described
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, settling, smoothed
 from ident.recordings.stated import model_servo

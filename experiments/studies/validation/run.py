@@ -24,8 +24,8 @@ from ident.identification import identified
 from ident.judgement.agreement import differences
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
+from ident.payload import QUANTITIES, UNITS, RigidBody, described
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.identified_payload import QUANTITIES, UNITS, RigidBody, described
 from ident.payload.load import identify_load
 from ident.recordings.log import read_log
 from ident.setup import PRIORS

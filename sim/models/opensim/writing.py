@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.display.bodies import INTERVALS
+from ident.display.brief import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries

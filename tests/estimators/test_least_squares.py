@@ -17,12 +17,12 @@ import ident
 import sim
 from ident.estimation.accumulator import remembered_sums
 from ident.estimation.equations import Equations
-from ident.estimation.noise import Sandwich, innovations, remembered
+from ident.estimation.noise import Sandwich, innovations, remembered, spread
 from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
+from ident.estimators.least_squares import filtered_least_squares, robust_fit
 from ident.estimators.predictions import Candidate
 from ident.model.axes import Axes
-from ident.regression.conventional import _Sums, filtered_least_squares, robust_fit, spread
 from ident.regression.held_out import HeldOut
 
 TRUE = np.array([2.0, -1.0, 0.5])
@@ -132,30 +132,13 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
     fitted, judged = slice(0, 600), slice(600, 970)
     rank, moving, errors = log.equations.parameters.rank, np.abs(dq[judged]) > 0.2, []
     for slow in (0.1, 0.0):
-        monkeypatch.setattr("ident.regression.conventional.SLOW", slow)
+        monkeypatch.setattr("ident.estimators.least_squares.SLOW", slow)
         known = np.zeros(rank), np.zeros((rank, rank))
         fit = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
         motion = filtered(log, fit.cutoffs[0])[0].motion[log.taken(judged)]
         error = Candidate(log.equations, fit.values[[0]]).residuals(Samples(motion, torque[judged]))[0]
         errors.append(np.sqrt((error[moving] ** 2).mean()))
     assert errors[0] < 0.8 * errors[1]
-
-
-def test_signals_and_residuals_of_sums_are_those_of_their_samples():
-    """For `[Y | low-passed | raw]` in two parts, with one more raw channel than low-passed ones."""
-    rng = np.random.default_rng(0)
-    Y, low, x = rng.normal(size=(2, 50, 3)), rng.normal(size=(2, 50)) + 3, np.array([1.0, -2, 0.5])
-    raw = low + 2 * rng.normal(size=(2, 50))
-    stacked = np.concatenate([Y, low[..., None], raw[..., None]], axis=2)
-
-    def sums(part):
-        rows = stacked[:, part]
-        return _Sums(rows.transpose(0, 2, 1) @ rows, np.full(2, rows.shape[1]), rows[..., -1].sum(axis=1), ("Fx", "Fz"))
-
-    both = sums(slice(0, 20)) + sums(slice(20, None))
-    np.testing.assert_allclose(both.scales, raw.std(axis=1))
-    np.testing.assert_allclose(both.residual(x, -1), np.sqrt(((raw - Y @ x) ** 2).mean(axis=1)))
-    np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))
 
 
 def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
