@@ -19,10 +19,9 @@ from ident.display.text import first_parameters, headline, undetermined_sentence
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object
-from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.residuals import correlation_time
+from ident.judgement.residuals import Comparison, compared, correlation_time
 from ident.judgement.verdict import Verdict, findings
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion

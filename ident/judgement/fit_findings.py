@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import linalg
 
-from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.residuals import beyond_fast_noise
+from ident.judgement.residuals import DISAGREE, beyond_fast_noise
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE

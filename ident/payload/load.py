@@ -24,9 +24,9 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
-from ident.judgement.agreement import widening
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import load_findings
+from ident.judgement.residuals import widening
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.body_bounds import scaled_root
