@@ -20,8 +20,8 @@ from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import about_best
 from ident.judgement.finding import line_of
+from ident.judgement.fit_findings import about_best
 from ident.judgement.verdict import IDLE
 from ident.judgement.wording import NAMED, listed, number_of
 from ident.mechanism.mechanism import Mechanism

@@ -16,9 +16,9 @@ import numpy as np
 
 from ident.estimation.noise import coefficient_unit
 from ident.geometry.inertia import parameters_from_com
-from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
+from ident.judgement.fit_findings import NEGLIGIBLE
 from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples, lacking_drives
 from ident.judgement.wording import listed

@@ -18,7 +18,7 @@ from ident.estimation.preparation import prepared
 from ident.judgement import unmeasured
 from ident.judgement.checks import ContactCheck
 from ident.judgement.model_fit import delay_check
-from ident.judgement.unmeasured import unmeasured_contacts
+from ident.judgement.unmodelled import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.setup import PRIORS
 
