@@ -305,10 +305,10 @@ def write_parts(document: Document, out: Output) -> None:
         }
     for name, plot in document.figures.items() if out.formats else ():
         # Commands that draw nothing start without matplotlib.
-        from experiments.document import drawn_data, figures
+        from experiments.document import figures
 
         figures.save(plot.figure, out.folder, name, out.formats)
-        texts[f"{name}.csv"] = drawn_data.csv_text(plot.figure)
+        texts[f"{name}.csv"] = figures.csv_text(plot.figure)
         if "pdf" in out.formats:
             texts[f"{name}.tex"] = print_table.figure(name, plot.caption, float(plot.figure.get_figwidth()))
     for name, content in texts.items():

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import experiments
-from experiments.document import drawn_data, figures, pictures
+from experiments.document import figures, pictures
 from ident.display.plots import few_decades
 
 ROOT = Path(experiments.__file__).parents[1]
@@ -96,8 +96,8 @@ def test_data_are_the_numbers_that_artists_draw(mark):
     (draw, expected), ax = DRAWN[mark], Figure().subplots()
     draw(ax)
     ax.set(xlabel=r"$m_{2}r_{z,2}$ (kg m)", yticks=[1, 2, 3], yticklabels=["=a", "b", "c"])
-    rows = list(csv.DictReader(io.StringIO(drawn_data.csv_text(ax.figure))))
-    assert [" ".join(row.get(name) or "-" for name in drawn_data.NUMBERS) for row in rows] == expected
+    rows = list(csv.DictReader(io.StringIO(figures.csv_text(ax.figure))))
+    assert [" ".join(row.get(name) or "-" for name in figures.NUMBERS) for row in rows] == expected
     assert {(row["mark"], row["x_axis"]) for row in rows} == {(mark, "m2rz2 (kg m)")}
     words = {"1.0": "'=a", "2.0": "b", "3.0": "c"}
     assert [row.get("y_category", "") for row in rows] == [words.get(row["y"], "") for row in rows]
@@ -108,7 +108,7 @@ def test_artists_that_cannot_be_read_are_named(draw):
     figure = Figure()
     artist = draw(figure.subplots())
     with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
-        drawn_data.csv_text(figure)
+        figures.csv_text(figure)
 
 
 def places(picture, shape, attribute):
