@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.document import symbols
-from experiments.document.symbols import plain
+from experiments.document import typography
+from experiments.document.typography import plain
 from ident.display.plots import Axes, Figure, Sheet, add_legend, few_decades, few_ticks, label_above, spans
 
 INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
@@ -251,7 +251,7 @@ def csv_text(figure: Figure) -> str:
 
 def _blocks(panel: int, ax: Axes) -> Iterator[dict[str, Any]]:
     """Yields columns by name for each artist of a panel: lists of cells, or a cell that all rows share."""
-    title, x_axis, y_axis = (symbols.cell(plain(text)) for text in (ax.get_title(), *_axis_names(ax)))
+    title, x_axis, y_axis = (typography.cell(plain(text)) for text in (ax.get_title(), *_axis_names(ax)))
     shared = {"panel": panel, "title": title, "x_axis": x_axis, "y_axis": y_axis}
     categories = {"x": _categories(ax.xaxis), "y": _categories(ax.yaxis)}
     containers: dict[int, Any] = {}
@@ -270,7 +270,7 @@ def _blocks(panel: int, ax: Axes) -> Iterator[dict[str, Any]]:
         mark, numbers = _marks(artist, within, getattr(container, "orientation", None))
         words = {f"{name}_category": _nearest(categories[name], numbers.get(name)) for name in "xy"}
         cells = {name: _cells(column) for name, column in numbers.items()}
-        yield dict.fromkeys(COLUMNS, "") | shared | {"curve": symbols.cell(curve), "mark": mark} | words | cells
+        yield dict.fromkeys(COLUMNS, "") | shared | {"curve": typography.cell(curve), "mark": mark} | words | cells
 
 
 def _curve(labelled: Any) -> str:
@@ -314,7 +314,7 @@ def _nearest(categories: Mapping[float, str], column: np.ndarray | None) -> list
     distances = np.nan_to_num(np.abs(column[:, None] - places), nan=np.inf)
     nearest = distances.argmin(axis=1)
     near = distances.min(axis=1) <= 0.5
-    return [symbols.cell(words[k]) if within else "" for k, within in zip(nearest, near, strict=True)]
+    return [typography.cell(words[k]) if within else "" for k, within in zip(nearest, near, strict=True)]
 
 
 def _cells(column: np.ndarray) -> list[float | None]:
@@ -345,7 +345,7 @@ def _marks(artist: Any, within: Sequence[bool], orientation: str | None) -> tupl
         return mark, {name: points[:, k] for k, name in enumerate("xy") if within[k]}
     if isinstance(artist, LineCollection | PolyCollection | Patch):
         if isinstance(artist, Patch):
-            paths = [artist.get_path().transformed(artist.get_patch_transform())]
+            paths: Sequence[Any] = [artist.get_path().transformed(artist.get_patch_transform())]
         else:
             paths = artist.get_paths()
         corners = [np.asarray(path.vertices, float) for path in paths]

@@ -7,10 +7,10 @@ from functools import cached_property
 from itertools import compress, groupby, pairwise
 from math import ceil
 
-from experiments.document import symbols, terminal
+from experiments.document import typography
 from experiments.document.figures import SHEET
-from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
 from experiments.document.tabular import DAGGER, Table
+from experiments.document.typography import PARAMETER, SYMBOL, parameter_symbol
 from ident.geometry.inertia import body_of_parameter
 
 NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
@@ -146,7 +146,7 @@ def text_with_symbols(text: str) -> str:
         factors = (re.sub(r"(?<=[\d.]) $", r"\\,", part) for part in parts[::2])
         letters = (*(parameter_symbol(part).strip("$") for part in parts[1::2]), "")
         return "$" + "".join(a + b for a, b in zip(factors, letters, strict=True)) + "$"
-    mixed = "".join(parameter_symbol(part) if k % 2 else symbols.tex(part) for k, part in enumerate(parts))
+    mixed = "".join(parameter_symbol(part) if k % 2 else typography.tex(part) for k, part in enumerate(parts))
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
 
 
@@ -158,7 +158,7 @@ def tex(table: Table, label: str = "") -> str:
     needed = sum(column.width(NORMAL) for column in columns)
     star, room = ("*", wide) if needed > narrow else ("", narrow)
     size, keys = NORMAL if needed <= room else SMALL, 1 + (len(columns) > len(table.columns))
-    parts = terminal.parts(columns, keys, lambda part: sum(each.width(size) for each in part) <= room)
+    parts = typography.parts(columns, keys, lambda part: sum(each.width(size) for each in part) <= room)
     if len(parts) > 1:
         parts = [_with_cells(part, keys) for part in parts]
     floats: list[str] = []
@@ -220,7 +220,7 @@ def _columns(table: Table) -> list[Column]:
     for row, own, (first, *_) in zip(rows, plain, table.rows, strict=True):
         row[0] = row[0].replace(DAGGER, _MARKS[DAGGER])
         if (body := body_of_parameter(str(first), table.bodies)) is not None:
-            row[0] = f"{row[0][: -len(symbols.tex(body))]}\\emph{{{symbols.tex(body)}}}"
+            row[0] = f"{row[0][: -len(typography.tex(body))]}\\emph{{{typography.tex(body)}}}"
         if "unit" in heads:
             row[heads.index("unit")] = unit(own[heads.index("unit")])
     out = []

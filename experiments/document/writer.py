@@ -19,12 +19,11 @@ from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUn
 from jinja2.bccache import Bucket
 from jinja2.filters import do_mark_safe
 
-from experiments.document import print_table, symbols
+from experiments.document import print_table, typography
 from experiments.document.replay import Replay
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
-from experiments.document.symbols import pieces
 from experiments.document.tabular import Table
-from experiments.document.terminal import wrapped
+from experiments.document.typography import pieces, wrapped
 from ident import __version__
 from ident.files.atomic import replacing
 from ident.judgement.finding import Finding, line_of
@@ -221,7 +220,7 @@ def sentences(template: str, **values: object) -> list[str]:
 
 def _visible(value: Any) -> Any:
     """A text without marks of writing direction; keeps the type of HTML texts."""
-    return type(value)(symbols.visible(value)) if isinstance(value, str) else value
+    return type(value)(typography.visible(value)) if isinstance(value, str) else value
 
 
 def _options(text: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.paper import RANDOM_START
-from experiments.document import symbols, tabular
+from experiments.document import tabular, typography
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import Document, Plot, sentences
@@ -80,7 +80,7 @@ def figure(design: Design) -> Figure:
             few_ticks(ax)
             ax.set(xlim=(time[0], time[-1]), ylim=(1.08 * low - 0.08 * high, 1.08 * high - 0.08 * low))
             unit = f"{design.problem.units[joints[k]]}{PER[column]}"
-            label_above(ax, f"{symbols.label(joints[k])}, {STATES[column]} ({unit})")
+            label_above(ax, f"{typography.label(joints[k])}, {STATES[column]} ({unit})")
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
         add_legend(drawing)

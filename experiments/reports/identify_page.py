@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.document import pictures, symbols
+from experiments.document import pictures, typography
 from experiments.document.figures import SHEET, paper_style
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
@@ -100,9 +100,9 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     """Text shown for a pressed coefficient: its meaning, value and interval."""
     name, arm, base = result.fit.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
-    text, body, model = symbols.in_words(name, arm), None, ""
+    text, body, model = typography.in_words(name, arm), None, ""
     if k < base.rank:
-        text = symbols.regrouped_in_words(base, k, arm)
+        text = typography.regrouped_in_words(base, k, arm)
         model = f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
         body = arm.tree.inertial[body_index(name) or 0]
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {unit_of(name) or ''}".rstrip()
@@ -141,7 +141,7 @@ def held_out_figure(result: Estimate) -> Figure:
 def parameters_figure(result: Estimate) -> Figure:
     """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
     bodies, model = result.prepared.mechanism.bodies, result.fit.equations.from_model[: result.base.rank]
-    names = [symbols.named_symbol(name, bodies) for name in result.base.names]
+    names = [typography.named_symbol(name, bodies) for name in result.base.names]
     with paper_style():
         return plots.parameters_figure(SHEET, names, result.psi, INTERVAL * result.std_setup, model)
 
@@ -158,7 +158,7 @@ def spectra_figure(result: Estimate) -> Figure:
 def _labels(result: Estimate, per: str = "") -> list[str]:
     """Symbols or joints of the channels, and their units, divided by `per`."""
     units = {name: channel_unit(name, result.prepared.mechanism.tree) for name in result.channels}
-    shown = {name: f"${name[0]}_{name[1]}$" if name in COMPONENTS else symbols.label(name) for name in units}
+    shown = {name: f"${name[0]}_{name[1]}$" if name in COMPONENTS else typography.label(name) for name in units}
     return [f"{shown[name]} ({unit}{per})" for name, unit in units.items()]
 
 

@@ -13,7 +13,7 @@ from experiments.document import tabular, writer
 from experiments.document.replay import RERUN
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_small
-from experiments.document.terminal import sentences, wrapped
+from experiments.document.typography import sentences, wrapped
 from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following

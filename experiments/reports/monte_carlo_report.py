@@ -9,10 +9,10 @@ import numpy as np
 from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated_study import SimulatedStudy
-from experiments.document import figures, symbols, tabular
+from experiments.document import figures, tabular, typography
 from experiments.document.figures import empty_figure
 from experiments.document.tabular import as_stated, number, of_deviations, of_numbers
-from experiments.document.terminal import wrapped
+from experiments.document.typography import wrapped
 from experiments.document.writer import Document, Plot
 from experiments.reports import study_report
 from experiments.studies.simulation import Swept
@@ -87,7 +87,7 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
             _draw(ax, d)
             ax.set_title(tabular.heading(model))
         names = next(iter(distributions.values())).names
-        panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
+        panels[0].set_yticks(np.arange(len(names)), [typography.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
         add_legend(figure, columns=4 if wide else 2)
     return figure
@@ -214,7 +214,7 @@ def sweep_chart(sweep: Swept, titles: Mapping[str, str]) -> Figure:
                 figures.widen_flat(ax)
             ax.set_title(title, pad=3)
         if not numeric:
-            panels[-1].set_xticks(x, [symbols.label(str(value)) for value in sweep.values])
+            panels[-1].set_xticks(x, [typography.label(str(value)) for value in sweep.values])
             panels[-1].margins(x=0.2)
         panels[-1].set_xlabel(_label(sweep.option))
         add_legend(figure)

@@ -9,7 +9,7 @@ from typing import Any
 from experiments.document import tabular
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
-from experiments.document.terminal import wrapped
+from experiments.document.typography import wrapped
 from experiments.document.writer import Card, Document, Headline, Plot, environment
 from experiments.reports import identify_page, identify_report
 from ident.estimation.noise import offset_unit

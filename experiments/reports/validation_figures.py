@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
-from experiments.document import symbols
+from experiments.document import typography
 from experiments.document.figures import empty_figure
 from ident.display.plots import Axes, Figure, add_legend, few_decades
 from ident.tolerances import INTERVAL
@@ -37,7 +37,7 @@ def row_label(name: str) -> str:
     kind, _, joint = name.removesuffix(")").partition("(")
     if joint:
         return f"${kind[0]}_{{{kind[1:]}}}$ of {channel_label(joint)}"
-    return name.replace("_", " ") if " " in name else symbols.parameter_symbol(name)
+    return name.replace("_", " ") if " " in name else typography.parameter_symbol(name)
 
 
 def held_out_figure(study: Study) -> Figure:

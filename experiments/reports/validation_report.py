@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.data.validation import ESTIMATE, WORSE, Study, Validation, inside, typical
 from experiments.document import pictures
-from experiments.document.terminal import sentences as split
+from experiments.document.typography import sentences as split
 from experiments.document.writer import Document, Headline, Plot, sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure

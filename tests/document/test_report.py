@@ -12,9 +12,8 @@ import pytest
 from scipy import signal
 
 from experiments.document import print_table, result_folder
-from experiments.document.symbols import pieces
 from experiments.document.tabular import Table, columns, decimals_of, number
-from experiments.document.terminal import WIDTH, wrapped
+from experiments.document.typography import WIDTH, pieces, wrapped
 from experiments.document.writer import Card, Document
 from ident.display import plots
 from ident.files.atomic import PARTIAL
