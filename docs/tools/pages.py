@@ -18,8 +18,16 @@ from experiments.data.validation import WORSE, Study, inside
 from experiments.document import figures, result_folder, tabular, typography
 from experiments.reports import study_report
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
-from experiments.reports.validation_report import STEEL, known_picture, overview_lines, truth_lines, worse_lines
+from experiments.reports.validation_report import (
+    STEEL,
+    held_out_figure,
+    known_picture,
+    overview_lines,
+    published_figure,
+    summary_figure,
+    truth_lines,
+    worse_lines,
+)
 from experiments.studies.simulation import study
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.validation_study import study_of
