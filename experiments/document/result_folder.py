@@ -23,9 +23,6 @@ from ident.files.atomic import PARTIAL, claimed, unwritten
 SYMBOLS = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 """Names of the function that names the kernels, in builds of numpy, of scipy and of others."""
 
-WIDE = ("SkylakeX", "Cooperlake", "SapphireRapids")
-"""Kernels that use AVX-512."""
-
 
 def kernels() -> dict[str, str]:
     """Names of the kernels that the OpenBLAS of numpy and that of scipy use; none for other libraries."""
@@ -39,43 +36,14 @@ def kernels() -> dict[str, str]:
     return out
 
 
-def advice(chosen: Mapping[str, str], features: set[str]) -> str | None:
-    """Sentence on kernels that are older than the processor; None if they fit.
-
-    Args:
-        chosen: Names of the kernels by package.
-        features: Features of the processor, as in /proc/cpuinfo.
-    """
-    old = {package: name for package, name in chosen.items() if name.lower() not in {each.lower() for each in WIDE}}
-    if not old or "avx512f" not in features:
-        return None
-    packages, names = " and ".join(old), " and ".join(dict.fromkeys(old.values()))
-    return (
-        f"The OpenBLAS of {packages} uses its kernels for {names}, without the AVX-512 that this processor has; with "
-        f"OPENBLAS_CORETYPE={WIDE[0]} in the environment linear algebra may be faster, and results may differ by "
-        "rounding."
-    )
-
-
-def features() -> set[str]:
-    """Features of the processor; empty where the system does not list them."""
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("flags"):
-                return set(line.partition(":")[2].split())
-    return set()
-
-
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Everything needed to repeat a study: options, scene, versions, kernels of linear algebra and commit."""
-    chosen = kernels()
-    remark = advice(chosen, features())
     versions = {name: version(name) for name in ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")}
     return {
         "options": dict(options),
         "recording": dict(recording or {}),
         "versions": {"python": platform.python_version()} | versions,
-        "linear_algebra": {"openblas_kernels": chosen} | ({"remark": remark} if remark else {}),
+        "linear_algebra": {"openblas_kernels": kernels()},
         "git_commit": _git_commit(),
     }
 
