@@ -87,7 +87,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[LeftOut, ...]:
         if last - first >= shortest and largest > limit:
             times = prepared.recording.time[max(0, first - reach) : last + reach]
             residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-            body = _body(prepared, slice(first, last), residual, up[first:last])
+            body = _body(prepared, slice(first, last), residual)
             contacts.append(LeftOut(float(times[0]), float(times[-1]), largest / (heavier * weight), body))
     return tuple(contacts)
 
@@ -142,7 +142,7 @@ def _limit(missing: np.ndarray, least: float) -> float:
     return max(least, 6 * spread, 2 * float(-missing.min()))
 
 
-def _body(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> str | None:
+def _body(prepared: Prepared, part: slice, residual: np.ndarray) -> str | None:
     """Body that a contact is likely on; None if no force on or near one explains most of the missing moment.
 
     None as well where not all six components of the wrench are measured.
@@ -150,8 +150,7 @@ def _body(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray)
     if not np.isfinite(residual).all():
         return None
     in_base, unloaded = applied(coAd(prepared.frame), residual), _unloaded(prepared, part)
-    q, up_in_base = prepared.samples.motion.q[part], up @ prepared.frame[:3, :3].T
-    contact = check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
+    contact = check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base, unloaded)
     return contact.body if contact.explained > 0.8 or contact.distance < NEAR else None
 
 
