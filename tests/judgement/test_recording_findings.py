@@ -102,7 +102,7 @@ def test_a_body_is_named_whose_forces_explain_the_moment_or_pass_near(monkeypatc
     monkeypatch.setattr(unmodelled, "check_contact", lambda *_: check)
     log = prepared(PENDULUM, leaning([(1, 2.5)], FORCE))
     assert unmodelled._body(log, slice(0, 50), np.ones((50, 6))) == body
-    assert unmodelled._body(log, slice(0, 50), np.where(np.arange(6) == 5, np.nan, residual), up) is None
+    assert unmodelled._body(log, slice(0, 50), np.where(np.arange(6) == 5, np.nan, np.ones((50, 6)))) is None
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():
