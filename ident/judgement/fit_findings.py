@@ -11,7 +11,7 @@ from scipy import linalg
 
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
-from ident.judgement.residuals import DISAGREE, beyond_fast_noise
+from ident.judgement.residuals import BEYOND_CHANCE, DISAGREE, beyond_fast_noise
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
@@ -121,10 +121,6 @@ FAR_LESS = 30.0
 """Standard deviation from the data over that of the prior from which the motion determines nothing: .2 and .3 in a
 simulated arm and a real pendulum, 43 in a real UR10 whose torques leave one combination open, more for people."""
 
-FAR_APART = 4.0
-"""Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt,
-unless the estimate predicts that log best of all candidates: then no other parameters on offer are nearer."""
-
 CHANGED = 2.0
 """Residual over signal in a log over its median in the others from which something changed, however well it is
 predicted beside other candidates: trials of a real pendulum that disagree have up to 1.8, one whose force reads a fifth
@@ -141,14 +137,18 @@ def course_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def halves_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on halves and logs that disagree."""
+    """Findings on halves and logs that disagree.
+
+    A log far beyond chance from the others is a doubt, unless the estimate predicts it best of all candidates: then no
+    other parameters on offer are nearer.
+    """
     if evidence.disagreement is not None and evidence.disagreement > DISAGREE:
         yield Finding.of("halves_disagree", rms_z=evidence.disagreement)
     if evidence.widened:
         yield Finding.of("parameter_widened", factors=dict(evidence.widened))
     if apart := {log: z for log, z in enumerate(evidence.disagreements, start=1) if z > DISAGREE}:
         best = tuple(log for log in apart if evidence.in_logs and _predicted(evidence, log - 1))
-        far = any(z > FAR_APART and log not in best for log, z in apart.items())
+        far = any(z > BEYOND_CHANCE and log not in best for log, z in apart.items())
         yield Finding.of("logs_disagree", doubt=far, logs=tuple(apart), rms_z=tuple(apart.values()), best=best)
 
 

@@ -183,6 +183,10 @@ DISAGREE = 2.0
 LEAST_ADDED = 0.01
 """Least variance of these differences, over a parameter's own: it is computed as a difference, with rounding errors."""
 
+BEYOND_CHANCE = 4.0
+"""Standard deviations from which a difference is no chance: of thousands of normal numbers none is as large, and the
+standard deviations may be a third too small."""
+
 UNLIKELY = 0.01
 """p-value of χ² below which a difference is called more than noise."""
 

@@ -18,7 +18,7 @@ from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
 from ident.judgement.fit_findings import NEGLIGIBLE
-from ident.judgement.residuals import correlated_samples
+from ident.judgement.residuals import BEYOND_CHANCE, correlated_samples
 from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples, lacking_drives
 from ident.judgement.wording import listed
 from ident.model.axes import column_place
@@ -26,9 +26,6 @@ from ident.model.regressor import joint_torque_regressor
 from ident.setup import SETUP
 from ident.tolerances import DRIVE, INTERVAL, LIKELY, SINGULAR
 from ident.trajectory.reversals import rubbing
-
-DEVIATIONS = 4.0
-"""Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
 
 
 class Parts(NamedTuple):
@@ -52,9 +49,9 @@ class Parts(NamedTuple):
 
         Inertia far below zero is no lack of it but another error of the model.
         """
-        weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
+        weight = abs(self.weight) if abs(self.weight) > BEYOND_CHANCE * self.weight_std else 1.0
         least = weight * min(weight, 1.0) / LIKELY
-        return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
+        return not -least <= self.inertia + BEYOND_CHANCE * self.inertia_std < least
 
 
 def cause_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -174,11 +174,6 @@ ENOUGH = 5.0
 """Least number of fitted samples per column: in 156 exact samples of a right model of 149 columns, a force that does
 not exist leaves 0.6 of the residual."""
 
-STEP = 1e-6
-"""Relative change of a length for its derivative, by a difference to the stated length: with another one it is another
-mechanism, whose equations take longer to record than to evaluate. Channels are quadratic in it: the error is as small.
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class HypothesisFit:
@@ -229,13 +224,11 @@ class HypothesisFit:
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
         equations, motions = self.equations, (self.fitted.motion, self.judged.motion)
-        tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
+        tree = equations.mechanism.tree
         phi = _bodies(equations, self.values)
-        stated = [_channels(equations, gravity, phi, motion) for motion in motions]
         for i, body in enumerate(tree.bodies):
             if body.moves and body.parent != BASE and body.home[:3, 3].any():
-                pairs = zip(motions, stated, strict=True)
-                yield ("length", body.name), self.error([_length(equations, phi, i, *pair) for pair in pairs])
+                yield ("length", body.name), self.error([_length(equations, phi, i, motion) for motion in motions])
         for k, i in enumerate(tree.inertial):
             # What pulls rests in the base's axes.
             if i in tree.moved and phi[10 * k] and all(motion.base is None for motion in motions):
@@ -279,10 +272,14 @@ def _bodies(equations: Equations, values: np.ndarray) -> np.ndarray:
     return np.asarray(known + np.linalg.lstsq(B, links - B @ known, rcond=None)[0])
 
 
-def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion, stated: np.ndarray) -> np.ndarray:
-    """Derivative of stated channels (N, C) by the relative distance of a joint from its parent's frame (1, N, C)."""
-    longer = STEP * np.eye(len(equations.mechanism.tree.bodies))[i]
-    return (_channels(equations, equations.mechanism.gravity, phi, motion, longer) - stated)[None] / STEP
+def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np.ndarray:
+    """Derivative of the channels by the relative distance of a joint from its parent's frame (1, N, C).
+
+    Channels are quadratic in it, so that the difference of twice and no distance is exact.
+    """
+    longer, gravity = np.eye(len(equations.mechanism.tree.bodies))[i], equations.mechanism.gravity
+    twice, none = (_channels(equations, gravity, phi, motion, sign * longer) for sign in (1, -1))
+    return (twice - none)[None] / 2
 
 
 def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:
