@@ -41,9 +41,6 @@ UNMODELLED = 0.6
 """Unexplained part, over the size of a channel. Arms of six and seven joints, slow and fast, with
 masses wrong by 20 to 40 % are left with 0.1 to 0.4 in gravity's right direction, and with 0.55 to 1.1 in others."""
 
-EXPLAINED = 0.45
-"""Largest misfit of another set-up that shows the stated one to be wrong."""
-
 AXIS, AWAY = np.cos(np.radians(8)), np.cos(np.radians(15))
 """Cosine of the angle from an axis up to which a fitted direction is taken as that axis; and of the one from the stated
 direction up to which the set-up's tilt of gravity explains it."""
@@ -225,7 +222,7 @@ def gravity_check(
     other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < -0.02 else TIE)
     # Where joints move in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     lighter = fit.misfit(along * fit.down) if along > TURNS[-1] else np.inf
-    possible = along < AWAY and misfit < min(FAR_BETTER * stated, EXPLAINED, TIE**2 * other, FAR_BETTER * lighter)
+    possible = along < AWAY and misfit < min(FAR_BETTER * stated, TIE**2 * other, FAR_BETTER * lighter)
     joint = None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down)
     return GravityCheck(stated, misfit, rpy_deg(mechanism, best), joint, possible, possible and misfit < other)
 
@@ -329,7 +326,7 @@ def delay_check(prepared: Prepared) -> DelayCheck | None:
         if names:
             misfits = fit.misfits(fit.down, np.array([fit.scaled(each) for each in variants]))
             delay, std = _least(delays, misfits)
-            far = misfits.min() < min(FAR_BETTER * stated, EXPLAINED, least) and abs(delay) > BEYOND_CHANCE * std
+            far = misfits.min() < min(FAR_BETTER * stated, least) and abs(delay) > BEYOND_CHANCE * std
             checks.append(DelayCheck(of, delay, std, stated, float(misfits.min()), bool(far)))
     return min(checks, key=lambda check: check.misfit)
 

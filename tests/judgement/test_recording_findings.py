@@ -81,19 +81,6 @@ def test_they_are_found_where_they_are(spans, heavier):
         assert contact.body == "link2"
 
 
-def test_missing_support_is_a_contact_beyond_the_rest_s_deviation_and_the_excess():
-    noise = np.tile([1.0, -1.0], 50)
-    assert unmodelled._limit(noise, 10.0) == 10 and unmodelled._limit(noise, 2.0) == 6
-    assert unmodelled._limit(np.append(noise, -4.0), 2.0) == 8
-
-
-@pytest.mark.parametrize(("wider", "ratio"), [(1.9, 1.0095), (2.1, 0.905)])
-def test_the_mass_is_that_of_the_highest_ratios_that_agree_nearly_as_well_as_the_best(wider, ratio):
-    spread = 0.01 * np.linspace(0, 1, 300)
-    ratios = np.concatenate([0.9 + spread, 1 + wider * spread, np.linspace(0.2, 0.6, 400)])
-    assert unmodelled._heavier(np.full(1000, 100.0), 100 * ratios, 100.0) == pytest.approx(ratio, abs=1e-3)
-
-
 @pytest.mark.parametrize(
     ("explained", "distance", "body"), [(0.81, 1, "link2"), (0.79, 0.11, "link2"), (0.79, 0.13, None)]
 )
