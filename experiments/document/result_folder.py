@@ -1,6 +1,5 @@
 """Folders of results: their provenance, and files that are replaced together."""
 
-import ctypes
 import importlib.metadata
 import json
 import os
@@ -14,36 +13,18 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from experiments.runs.environment import held_back
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, claimed, unwritten
 
-SYMBOLS = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
-"""Names of the function that names the kernels, in builds of numpy, of scipy and of others."""
-
-
-def kernels() -> dict[str, str]:
-    """Names of the kernels that the OpenBLAS of numpy and that of scipy use; none for other libraries."""
-    places, out = Path(np.__file__).parents[1], dict[str, str]()
-    for package in ("numpy", "scipy"):
-        for file, symbol in product(sorted(places.glob(f"{package}.libs/*openblas*")), SYMBOLS):
-            with suppress(OSError, AttributeError):
-                name = getattr(ctypes.CDLL(str(file)), symbol)
-                name.restype = ctypes.c_char_p
-                out.setdefault(package, str(name().decode()))
-    return out
-
 
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Everything needed to repeat a study: options, scene, versions, kernels of linear algebra and commit."""
+    """Everything needed to repeat a study: options, scene, versions and commit."""
     versions = {name: version(name) for name in ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")}
     return {
         "options": dict(options),
         "recording": dict(recording or {}),
         "versions": {"python": platform.python_version()} | versions,
-        "linear_algebra": {"openblas_kernels": kernels()},
         "git_commit": _git_commit(),
     }
 

@@ -164,12 +164,6 @@ def test_spectra_are_welchs(samples):
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
 
 
-def test_the_provenance_has_the_kernels_if_they_are_known(monkeypatch, tmp_path):
-    assert result_folder.provenance({})["linear_algebra"]["openblas_kernels"] == result_folder.kernels()
-    monkeypatch.setattr(result_folder.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert result_folder.kernels() == {}
-
-
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
     rng = np.random.default_rng(0)
     for std in 10.0 ** rng.uniform(-8, 5, 500):
