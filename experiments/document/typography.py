@@ -236,9 +236,7 @@ def _broken(line: str) -> str:
 
 def _lines(text: str, width: int, indent: str = "") -> list[str]:
     """Lines of a text of at most this width, if its words permit."""
-    broken = textwrap.wrap(
-        text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
-    )
+    broken = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return broken or [""]
 
 
