@@ -41,6 +41,23 @@ def test_wide_tables_go_over_the_page_and_too_large_ones_get_smaller():
     assert r"\label{tab:t}" in one and r"{max totalsize={\linewidth}{0.9\textheight}}" in one
 
 
+def test_columns_of_one_model_share_a_head_and_long_heads_have_lines():
+    rows = [("a", 1.0, 2.0, 3.0, 4.0)]
+    lines = print_table.tex(Table("t", ("name", "error_full", "std_full", "error_updated_model", "true_mm"), rows))
+    strut = r"\rule{0pt}{2.3ex}"
+    updated, true = (
+        rf"\shortstack[c]{{{strut}Updated\\model}}",
+        rf"\shortstack[c]{{{strut}True\\(\unit{{\milli\metre}})}}",
+    )
+    assert lines.splitlines()[8:11] == [
+        rf" & \multicolumn{{2}}{{c}}{{Full}} & \multicolumn{{1}}{{c}}{{{updated}}} &  \\",
+        r"\cmidrule(lr){2-3}\cmidrule(lr){4-4}",
+        rf"Name & {{Error}} & {{S.d.}} & {{Error}} & {{{true}}} \\",
+    ]
+    stars = [r"\begin{figure*}" in print_table.figure("f", "c", width) for width in (3.5, 7.0)]
+    assert stars == [False, True]
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
