@@ -15,7 +15,7 @@ def run(args: argparse.Namespace) -> None:
     """Fits a trial, and writes and prints the results."""
     from experiments.document.result_folder import provenance
     from experiments.document.writer import write
-    from experiments.reports import angles_report
+    from experiments.reports import motion_report
     from experiments.studies.marker_angles import Scale, angles
 
     for option in ("symmetric", "scale_from", "mass"):
@@ -25,11 +25,11 @@ def run(args: argparse.Namespace) -> None:
     given = {"places": args.places, "base": args.base, "wrenches": args.wrenches}
     given |= {"fix": options.fixed(args.fix), "scale": scale}
     result = angles(args.model, args.markers, **given)
-    document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
+    document = motion_report.angles_document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
     out = options.output_of(args)
     then = _next(args, result)
-    write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
+    write(document, out, stale=motion_report.ANGLES, inputs=inputs, then=then)
 
 
 def _next(args: argparse.Namespace, result: "Angles") -> str:

@@ -20,7 +20,7 @@ RATE = options.decimal("a number of samples per second, in Hz", lambda x: 1e-3 <
 
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
-    from experiments.document import terminal
+    from experiments.document import typography
     from experiments.guesses.belief import rows, write_mapping
     from experiments.guesses.guess import believed
     from experiments.guesses.log_contents import TRIAL
@@ -36,11 +36,11 @@ def run(args: argparse.Namespace) -> None:
     arm = mechanism(args.model, **options.of_model(args))
     belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate or 0.0)
     write_mapping(out, belief, force=args.force)
-    log, found = belief.log, terminal.table(HEADS, rows(belief), [False] * len(HEADS))
+    log, found = belief.log, typography.table(HEADS, rows(belief), [False] * len(HEADS))
     lines = [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
     lines += [f"Columns that are not used: {listed(belief.unused, MOST)}."] if belief.unused else []
     lines = [*log.summary(MOST), "", *found, *[""] * bool(lines), *lines]
-    print(terminal.wrapped("\n".join(lines)))
+    print(typography.wrapped("\n".join(lines)))
     carried = next((group for group in belief.groups.values() if group.is_inner and not group.is_doubtful), None)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
     then = f"Correct {out}; {'then' if belief.complete else 'then, when every joint has a position'}"

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     from experiments.document.result_folder import provenance
     from experiments.document.writer import write
-    from experiments.reports import excite_report
+    from experiments.reports import motion_report
     from experiments.studies.designed_excitation import DesignSearch, designed, problem_of
 
     options.check_model(args.model, scenes.NAMES)
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     search = replace(search, clearance=None) if args.collisions == "ignore" else search
     design = designed(problem_of(args.model, **kinds), args.model, search)
     source = {"series": design.series, "base_parameters": list(design.problem.parameters.names)}
-    document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
+    document = motion_report.excitation_document(design, args.model, provenance(options.as_text(args), source))
     write(document, options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])
 
 

@@ -51,7 +51,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.data.fitting import ESTIMATORS
     from experiments.document.result_folder import provenance
     from experiments.document.writer import end, write_page, written
-    from experiments.reports import monte_carlo_report, study_report
+    from experiments.reports import paper_report, study_report
     from experiments.studies.simulation import check_numbers, distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
@@ -66,11 +66,11 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     print(document.text())
     if trials.trials:
         drawn = distributions(study, draw, trials, out.folder)
-        document |= added(monte_carlo_report.document(drawn, study, trials.redraw, provenance(draw.identity)), out)
+        document |= added(paper_report.trials_document(drawn, study, trials.redraw, provenance(draw.identity)), out)
     if file.sweep:
         of_sweep = provenance({**draw.identity, **asdict(file.sweep)})
         runs = swept(draw, trials, out.folder)
-        document |= added(monte_carlo_report.sweep_document(runs, file.title, file.sweep.numbers, of_sweep), out)
+        document |= added(paper_report.sweep_document(runs, file.title, file.sweep.numbers, of_sweep), out)
     if trials.trials or file.sweep:
         write_page(document, out.folder, out.formats)
     end(document, out)

@@ -29,10 +29,9 @@ from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.files.objects import load_object, save_object
 from ident.geometry.inertia import PARAMETERS
-from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.residuals import correlation_time
+from ident.judgement.residuals import Comparison, compared, correlation_time
 from ident.judgement.verdict import Verdict, findings
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion

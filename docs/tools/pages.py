@@ -15,11 +15,19 @@ from docs.tools import benchmark, drawings
 from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture, standalone
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.data.validation import WORSE, Study, inside
-from experiments.document import figures, result_folder, symbols, tabular
+from experiments.document import figures, result_folder, tabular, typography
 from experiments.reports import study_report
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
-from experiments.reports.validation_report import STEEL, known_picture, overview_lines, truth_lines, worse_lines
+from experiments.reports.validation_report import (
+    STEEL,
+    held_out_figure,
+    known_picture,
+    overview_lines,
+    published_figure,
+    summary_figure,
+    truth_lines,
+    worse_lines,
+)
 from experiments.studies.simulation import study
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.validation_study import study_of
@@ -178,8 +186,8 @@ def page_blocks(study: Study) -> dict[str, str]:
         "was published": tables.table_was_published(study),
     }
     registered = "".join(
-        f"| `{entry.name}` | {symbols.markdown(entry.title)} | {entry.source.repository} | "
-        f"{entry.source.licence or 'not verified'} | {symbols.markdown(entry.note)} |\n"
+        f"| `{entry.name}` | {typography.markdown(entry.title)} | {entry.source.repository} | "
+        f"{entry.source.licence or 'not verified'} | {typography.markdown(entry.note)} |\n"
         for entry in study.untried
     )
     head = "| name | recording | repository | licence | what is missing |\n| --- | --- | --- | --- | --- |\n"
@@ -200,7 +208,7 @@ def page_blocks(study: Study) -> dict[str, str]:
 
 def _list(lines: Sequence[str]) -> str:
     """List of sentences."""
-    return "".join(f"- {symbols.markdown(line)}\n" for line in lines)
+    return "".join(f"- {typography.markdown(line)}\n" for line in lines)
 
 
 def summary_blocks(study: Study) -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from ident.judgement.agreement import UNLIKELY
+from ident.judgement.residuals import UNLIKELY
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ident.annotations import fits, in_words
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.limits import reason
-from ident.judgement.agreement import Comparison
+from ident.judgement.residuals import Comparison
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out", "verbose")
 """Options without effect on results, and files, which are compared by content."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.document.writer import environment
-from ident.judgement.candidates import about_best
+from ident.judgement.fit_findings import about_best
 from ident.judgement.verdict import PRECISIONS
 from ident.tolerances import POOR
 

@@ -1,16 +1,15 @@
-"""Tables in a journal's style: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
+"""Tables in a journal's style: LaTeX with adjustbox, booktabs, siunitx, tabularx and threeparttable."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress, groupby, pairwise
-from math import ceil
+from itertools import groupby, pairwise
 
-from experiments.document import symbols, terminal
+from experiments.document import typography
 from experiments.document.figures import SHEET
-from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
 from experiments.document.tabular import DAGGER, Table
+from experiments.document.typography import PARAMETER, SYMBOL, parameter_symbol
 from ident.geometry.inertia import body_of_parameter
 
 NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
@@ -19,22 +18,8 @@ NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
 LONG = 28
 """Number of letters above which a cell may break into lines."""
 
-PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
+PACKAGES = "adjustbox,booktabs,siunitx,tabularx,threeparttable"
 """LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
-
-
-@dataclass(frozen=True)
-class Size:
-    """A font size: its LaTeX command, and approximate widths of letters and gaps and height of lines, pt."""
-
-    command: str
-    letter: float
-    gap: float
-    line: float
-
-
-NORMAL = Size(r"\footnotesize", 4.4, 12.0, 9.6)
-SMALL = Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
 
 
 @dataclass(frozen=True)
@@ -72,15 +57,11 @@ class Column:
         return f"{sign}{whole}.{decimals}{exponent}"
 
     @property
-    def _room(self) -> int:
-        """Letters of a number with as many digits before and after the point as any of its numbers."""
-        return sum(int(each) if each.isdigit() else 1 for each in re.findall(r"\d+|[^\d]", self.shape))
-
-    def width(self, size: Size) -> float:
-        """Approximate smallest width, pt."""
+    def width(self) -> float:
+        """Approximate width, pt: of a letter 4.4, of a gap 12; a number has all digits that any of its column has."""
         words = max(len(line) for line in (*lines_of(self.head), *lines_of(self.remark)))
-        widest = max([words, self._room, *(min(letters_of(cell), LONG) for cell in self.cells)])
-        return size.letter * widest + size.gap
+        digits = sum(int(each) if each.isdigit() else 1 for each in re.findall(r"\d+|[^\d]", self.shape))
+        return 4.4 * max([words, digits, *(min(letters_of(cell), LONG) for cell in self.cells)]) + 12
 
 
 def lines_of(head: str) -> list[str]:
@@ -146,56 +127,22 @@ def text_with_symbols(text: str) -> str:
         factors = (re.sub(r"(?<=[\d.]) $", r"\\,", part) for part in parts[::2])
         letters = (*(parameter_symbol(part).strip("$") for part in parts[1::2]), "")
         return "$" + "".join(a + b for a, b in zip(factors, letters, strict=True)) + "$"
-    mixed = "".join(parameter_symbol(part) if k % 2 else symbols.tex(part) for k, part in enumerate(parts))
+    mixed = "".join(parameter_symbol(part) if k % 2 else typography.tex(part) for k, part in enumerate(parts))
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
 
 
 def tex(table: Table, label: str = "") -> str:
-    """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
+    """A float over one column of the page, or over both if it is wide, made smaller if it is too large for a page."""
     table = table.filled()
     columns, caption, notes = _columns(table), _caption(table.caption or table.title), _notes(table)
-    narrow, wide, height = (72.27 * inches for inches in (SHEET.column, SHEET.text, SHEET.height))
-    needed = sum(column.width(NORMAL) for column in columns)
-    star, room = ("*", wide) if needed > narrow else ("", narrow)
-    size, keys = NORMAL if needed <= room else SMALL, 1 + (len(columns) > len(table.columns))
-    parts = terminal.parts(columns, keys, lambda part: sum(each.width(size) for each in part) <= room)
-    if len(parts) > 1:
-        parts = [_with_cells(part, keys) for part in parts]
-    floats: list[str] = []
-    for rows in (page for part in parts for page in _pages(part, size, room, height)):
-        continued = r" \emph{(continued)}" if floats else ""
-        name = f"\\label{{tab:{label}}}" if label and not floats else ""
-        same = "\\addtocounter{table}{-1}\n" if floats else ""
-        floats.append(
-            f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
-            f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{notes}"
-            f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
-        )
-    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
-
-
-def _with_cells(columns: Sequence[Column], keys: int) -> list[Column]:
-    """A set of columns without the rows that are empty beyond the first `keys` columns."""
-    kept = [any(cells) for cells in zip(*(column.cells for column in columns[keys:]), strict=True)]
-    return [replace(column, cells=[*compress(column.cells, kept)]) for column in columns]
-
-
-def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> Iterator[list[Column]]:
-    """Yields the columns' rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
-    # Heads, rules and notes take about 60 pt.
-    most = (height - 60) / size.line
-    long = [column for column in columns if column.long]
-    left = room - sum(column.width(size) for column in columns if not column.long)
-    letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
-    number = len(columns[0].cells)
-    starts, used = [0], 0
-    for row in range(number):
-        lines = max([1, *(ceil(letters_of(column.cells[row]) / letters) for column in long)])
-        if used and used + lines > most:
-            starts, used = [*starts, row], 0
-        used += lines
-    for start, end in pairwise([*starts, number]):
-        yield [replace(column, cells=column.cells[start:end]) for column in columns]
+    star = "*" if sum(column.width for column in columns) > 72.27 * SHEET.column else ""
+    name = f"\\label{{tab:{label}}}" if label else ""
+    return (
+        f"% \\usepackage{{{PACKAGES}}}\n\\begin{{table{star}}}\n\\centering\\footnotesize\n"
+        "\\begin{adjustbox}{max totalsize={\\linewidth}{0.9\\textheight}}\n\\begin{threeparttable}\n"
+        f"\\caption{{{caption}}}{name}\n{_tabular(columns)}{notes}"
+        f"\\end{{threeparttable}}\n\\end{{adjustbox}}\n\\end{{table{star}}}\n"
+    )
 
 
 def figure(name: str, caption: str, width: float) -> str:
@@ -220,7 +167,7 @@ def _columns(table: Table) -> list[Column]:
     for row, own, (first, *_) in zip(rows, plain, table.rows, strict=True):
         row[0] = row[0].replace(DAGGER, _MARKS[DAGGER])
         if (body := body_of_parameter(str(first), table.bodies)) is not None:
-            row[0] = f"{row[0][: -len(symbols.tex(body))]}\\emph{{{symbols.tex(body)}}}"
+            row[0] = f"{row[0][: -len(typography.tex(body))]}\\emph{{{typography.tex(body)}}}"
         if "unit" in heads:
             row[heads.index("unit")] = unit(own[heads.index("unit")])
     out = []

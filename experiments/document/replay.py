@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.document.figures import INKS
-from experiments.document.symbols import visible
+from experiments.document.typography import visible
 from ident.files.limits import library
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.body import BASE

@@ -1,6 +1,5 @@
 """Folders of results: their provenance, and files that are replaced together."""
 
-import ctypes
 import importlib.metadata
 import json
 import os
@@ -14,68 +13,18 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from experiments.runs.environment import held_back
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, claimed, unwritten
 
-SYMBOLS = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
-"""Names of the function that names the kernels, in builds of numpy, of scipy and of others."""
-
-WIDE = ("SkylakeX", "Cooperlake", "SapphireRapids")
-"""Kernels that use AVX-512."""
-
-
-def kernels() -> dict[str, str]:
-    """Names of the kernels that the OpenBLAS of numpy and that of scipy use; none for other libraries."""
-    places, out = Path(np.__file__).parents[1], dict[str, str]()
-    for package in ("numpy", "scipy"):
-        for file, symbol in product(sorted(places.glob(f"{package}.libs/*openblas*")), SYMBOLS):
-            with suppress(OSError, AttributeError):
-                name = getattr(ctypes.CDLL(str(file)), symbol)
-                name.restype = ctypes.c_char_p
-                out.setdefault(package, str(name().decode()))
-    return out
-
-
-def advice(chosen: Mapping[str, str], features: set[str]) -> str | None:
-    """Sentence on kernels that are older than the processor; None if they fit.
-
-    Args:
-        chosen: Names of the kernels by package.
-        features: Features of the processor, as in /proc/cpuinfo.
-    """
-    old = {package: name for package, name in chosen.items() if name.lower() not in {each.lower() for each in WIDE}}
-    if not old or "avx512f" not in features:
-        return None
-    packages, names = " and ".join(old), " and ".join(dict.fromkeys(old.values()))
-    return (
-        f"The OpenBLAS of {packages} uses its kernels for {names}, without the AVX-512 that this processor has; with "
-        f"OPENBLAS_CORETYPE={WIDE[0]} in the environment linear algebra may be faster, and results may differ by "
-        "rounding."
-    )
-
-
-def features() -> set[str]:
-    """Features of the processor; empty where the system does not list them."""
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("flags"):
-                return set(line.partition(":")[2].split())
-    return set()
-
 
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Everything needed to repeat a study: options, scene, versions, kernels of linear algebra and commit."""
-    chosen = kernels()
-    remark = advice(chosen, features())
+    """Everything needed to repeat a study: options, scene, versions and commit."""
     versions = {name: version(name) for name in ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")}
     return {
         "options": dict(options),
         "recording": dict(recording or {}),
         "versions": {"python": platform.python_version()} | versions,
-        "linear_algebra": {"openblas_kernels": chosen} | ({"remark": remark} if remark else {}),
         "git_commit": _git_commit(),
     }
 

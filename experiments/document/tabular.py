@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import compress
 from numbers import Integral
 
-from experiments.document import symbols, terminal
+from experiments.document import typography
 from ident.display.brief import decimals_beside, decimals_of
 from ident.estimation.noise import unit_of
 from ident.geometry.inertia import body_of_parameter
@@ -157,10 +157,10 @@ class Table:
         writer = csv.writer(out, lineterminator="\n")
         owners = [body_of_parameter(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
         first, *more = self.columns
-        writer.writerow(map(symbols.cell, [first, *["body"] * bool(owners), *more]))
+        writer.writerow(map(typography.cell, [first, *["body"] * bool(owners), *more]))
         for k, row in enumerate(self.rows):
             cells = [row[0], *owners[k : k + 1], *row[1:]]
-            writer.writerow([symbols.cell(cell) if isinstance(cell, str) else cell for cell in cells])
+            writer.writerow([typography.cell(cell) if isinstance(cell, str) else cell for cell in cells])
         return out.getvalue()
 
     def filled(self) -> "Table":
@@ -175,10 +175,10 @@ class Table:
         """A Markdown table under its title, numbers right-aligned."""
         shown = self.filled()
         rule = ["---:" if numeric else "---" for numeric in shown.numeric()]
-        head = list(map(symbols.markdown, shown.headings()))
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *shown.texts(symbols.markdown)])
-        title = f"**{symbols.markdown(self.title)}**\n\n" if self.title else ""
-        notes = (f"\n{symbols.markdown(mark)} {symbols.markdown(note)}\n" for mark, note in shown.remarks())
+        head = list(map(typography.markdown, shown.headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *shown.texts(typography.markdown)])
+        title = f"**{typography.markdown(self.title)}**\n\n" if self.title else ""
+        notes = (f"\n{typography.markdown(mark)} {typography.markdown(note)}\n" for mark, note in shown.remarks())
         return title + table + "".join(notes)
 
     def text(self) -> str:
@@ -187,12 +187,12 @@ class Table:
         heads, numeric = shown.headings(), shown.numeric()
         kept = [k for k in range(len(heads)) if not (k == 1 and shown._units())]
         rows = [
-            [row[k] + terminal.FILLER * len(lack[k]) for k in kept]
+            [row[k] + typography.FILLER * len(lack[k]) for k in kept]
             for row, lack in zip(shown.texts(), shown.lacking(), strict=True)
         ]
-        lines = terminal.table([heads[k] for k in kept], rows, [numeric[k] for k in kept])
-        notes = [terminal.wrapped_sums(f"{mark} {note}") for mark, note in shown.remarks()]
-        return "\n".join([terminal.wrapped(self.title), *lines, *notes, ""])
+        lines = typography.table([heads[k] for k in kept], rows, [numeric[k] for k in kept])
+        notes = [typography.wrapped_sums(f"{mark} {note}") for mark, note in shown.remarks()]
+        return "\n".join([typography.wrapped(self.title), *lines, *notes, ""])
 
     def remarks(self) -> list[tuple[str, str]]:
         """Marks of first cells, each with a sentence on its meaning."""

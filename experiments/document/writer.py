@@ -19,12 +19,11 @@ from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUn
 from jinja2.bccache import Bucket
 from jinja2.filters import do_mark_safe
 
-from experiments.document import print_table, symbols
+from experiments.document import print_table, typography
 from experiments.document.replay import Replay
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
-from experiments.document.symbols import pieces
 from experiments.document.tabular import Table
-from experiments.document.terminal import wrapped
+from experiments.document.typography import pieces, wrapped
 from ident import __version__
 from ident.files.atomic import replacing
 from ident.judgement.finding import Finding, line_of
@@ -221,7 +220,7 @@ def sentences(template: str, **values: object) -> list[str]:
 
 def _visible(value: Any) -> Any:
     """A text without marks of writing direction; keeps the type of HTML texts."""
-    return type(value)(symbols.visible(value)) if isinstance(value, str) else value
+    return type(value)(typography.visible(value)) if isinstance(value, str) else value
 
 
 def _options(text: str) -> str:
@@ -305,10 +304,10 @@ def write_parts(document: Document, out: Output) -> None:
         }
     for name, plot in document.figures.items() if out.formats else ():
         # Commands that draw nothing start without matplotlib.
-        from experiments.document import drawn_data, figures
+        from experiments.document import figures
 
         figures.save(plot.figure, out.folder, name, out.formats)
-        texts[f"{name}.csv"] = drawn_data.csv_text(plot.figure)
+        texts[f"{name}.csv"] = figures.csv_text(plot.figure)
         if "pdf" in out.formats:
             texts[f"{name}.tex"] = print_table.figure(name, plot.caption, float(plot.figure.get_figwidth()))
     for name, content in texts.items():

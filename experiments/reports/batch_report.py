@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
-from experiments.document import pictures, symbols, tabular
+from experiments.document import pictures, tabular, typography
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations
@@ -96,7 +96,7 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
                 if which.any():
                     dots = numbers[which], values[which], half[which]
                     ax.errorbar(*dots, fmt="o", ms=2.5, lw=0.8, color=color, label=label)
-            label_above(ax, f"{symbols.named_symbol(name, bodies)} ({outcomes[0].units[name]})")
+            label_above(ax, f"{typography.named_symbol(name, bodies)} ({outcomes[0].units[name]})")
         panels[-1].set_xlabel("Log")
         panels[-1].locator_params(axis="x", integer=True)
         add_legend(figure)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import pictures, symbols, tabular
+from experiments.document import pictures, tabular, typography
 from experiments.document.figures import SHEET, paper_style
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
-from experiments.document.terminal import wrapped
+from experiments.document.typography import wrapped
 from experiments.document.writer import Card, Document, Headline, Plot, sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, row_panels
@@ -130,7 +130,7 @@ def figure(difference: Difference) -> Figure:
     std = np.sqrt(np.diag(difference.comparison.covariance))
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with paper_style():
-        labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
+        labels = [typography.named_symbol(name, difference.first.bodies) for name in difference.names]
         drawn, panels = row_panels(SHEET, labels, "Difference in its standard deviations from noise")
         # The abscissa is linear up to this difference, and logarithmic beyond.
         linear = 10.0

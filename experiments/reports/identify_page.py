@@ -1,24 +1,102 @@
-"""Pictures, figures with their captions, and the replay of an identification."""
+"""What an identification shows: its screen of text, pictures, figures with their captions, and a replay."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 
-from experiments.document import pictures, symbols
+from experiments.document import pictures, tabular, typography
 from experiments.document.figures import SHEET, paper_style
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
+from experiments.document.typography import sentences, wrapped
+from experiments.document.writer import Card, Document, Headline
 from ident.display import plots
 from ident.display.plots import Figure
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.noise import channel_unit, unit_of
 from ident.geometry.inertia import body_index
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, line_of
+from ident.judgement.fit_findings import about_best
+from ident.judgement.wording import listed, number_of
 from ident.parameters.prior import KNOWN, parameters_identified
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE, INTERVAL
+
+FIRST = 5
+"""Largest number of findings on a screen of 24 lines."""
+
+
+def screen(made: Document, result: Estimate) -> str:
+    """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
+    more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
+    lines = [Headline.of(result.verdict()).line, "", _ratios(result, 11), *first_lines(made.findings)]
+    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
+
+
+def first_lines(cards: Sequence[Card]) -> list[str]:
+    """First sentences of the first findings, a line each."""
+    return [_remark(card.text, 112, card.doubt) for card in cards[:FIRST]]
+
+
+def verbose(made: Document, result: Estimate) -> str:
+    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest."""
+    # With so many remarks, and channels or bodies, an arm takes 40 lines, four legs of twelve joints 50.
+    most, channels = 8, 12
+    doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
+    notes = result.prepared.notes
+    hidden = {"more remark": len(remarks) - most, "more note": len(notes) - most}
+    left = [number_of(count, what) for what, count in hidden.items() if count > 0]
+    tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
+    lines = [
+        f"Verdict: {made.verdict}",
+        *(each.line for each in doubts),
+        *(_remark(each.text) for each in remarks[:most]),
+        "",
+        *made.lines[:3],
+        *(_remark(note) for note in notes[:most]),
+        "",
+        _ratios(result, channels),
+        *_bodies(result, channels),
+        f"The page has {', '.join([*left, 'all details'])}.",
+        f"Tables, also as .csv and .tex: {tables}.",
+    ]
+    return wrapped("\n".join(lines))
+
+
+def _remark(text: str, most: int = 225, doubt: bool = False) -> str:
+    """First sentence of a finding, in at most so many letters."""
+    return line_of(shorten(sentences(text)[0], most, placeholder=" …"), doubt)
+
+
+def _ratios(result: Estimate, most: int) -> str:
+    """Table of the residuals over the signal by candidate, of the worst channels if there are more than so many."""
+    held, channels, idle = result.held_out, result.channels, result.verdict().idle
+    every = {ESTIMATE: held.ratio, **result.rivals}
+    shown = np.sort(np.argsort(-held.ratio, kind="stable")[:most])
+    alike = about_best(np.array([ratio[shown] for ratio in every.values()])).T
+    names = [channels[k] for k in shown]
+    cut = [name if len(name) <= 30 else f"{name[:29]}…" for name in names]
+    columns = {"channel": cut} | {name: ratio[shown] for name, ratio in every.items()}
+    columns["best"] = [
+        "not counted" if name in idle else listed(each for each, best in zip(every, own, strict=True) if best)
+        for name, own in zip(names, alike, strict=True)
+    ]
+    of = f", the {most} worst of {len(channels)} channels" if len(channels) > most else ""
+    return tabular.Table(f"Residual of the {held.part} part over its signal{of}", *tabular.columns(**columns)).text()
+
+
+def _bodies(result: Estimate, most: int) -> list[str]:
+    """Table of masses and centres of mass with intervals, or a sentence if there are more bodies."""
+    full = result.consistent()
+    if len(full.bodies) > most:
+        masses = [f"{each.body} {each.words} kg" for each in full.rows[::10] if each.determined]
+        known = f": {', '.join(masses)}" if masses else ""
+        return [f"The data determine {len(masses)} of {len(full.bodies)} masses{known}."]
+    return ["Bodies of the updated model, with 95 % intervals (-: not determined)", str(full), ""]
+
 
 LEFT_OUT = " None are drawn where samples were left out."
 
@@ -100,9 +178,9 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     """Text shown for a pressed coefficient: its meaning, value and interval."""
     name, arm, base = result.fit.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
-    text, body, model = symbols.in_words(name, arm), None, ""
+    text, body, model = typography.in_words(name, arm), None, ""
     if k < base.rank:
-        text = symbols.regrouped_in_words(base, k, arm)
+        text = typography.regrouped_in_words(base, k, arm)
         model = f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
         body = arm.tree.inertial[body_index(name) or 0]
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {unit_of(name) or ''}".rstrip()
@@ -141,7 +219,7 @@ def held_out_figure(result: Estimate) -> Figure:
 def parameters_figure(result: Estimate) -> Figure:
     """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
     bodies, model = result.prepared.mechanism.bodies, result.fit.equations.from_model[: result.base.rank]
-    names = [symbols.named_symbol(name, bodies) for name in result.base.names]
+    names = [typography.named_symbol(name, bodies) for name in result.base.names]
     with paper_style():
         return plots.parameters_figure(SHEET, names, result.psi, INTERVAL * result.std_setup, model)
 
@@ -158,7 +236,7 @@ def spectra_figure(result: Estimate) -> Figure:
 def _labels(result: Estimate, per: str = "") -> list[str]:
     """Symbols or joints of the channels, and their units, divided by `per`."""
     units = {name: channel_unit(name, result.prepared.mechanism.tree) for name in result.channels}
-    shown = {name: f"${name[0]}_{name[1]}$" if name in COMPONENTS else symbols.label(name) for name in units}
+    shown = {name: f"${name[0]}_{name[1]}$" if name in COMPONENTS else typography.label(name) for name in units}
     return [f"{shown[name]} ({unit}{per})" for name, unit in units.items()]
 
 

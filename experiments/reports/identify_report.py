@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -13,23 +12,19 @@ from experiments.document import tabular, writer
 from experiments.document.replay import RERUN
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_small
-from experiments.document.terminal import sentences, wrapped
 from experiments.document.writer import Card, Document, Headline, Plot
 from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import about_best
-from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
-from ident.judgement.wording import NAMED, listed, number_of
+from ident.judgement.wording import NAMED, number_of
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_clocks import name_of
 from ident.recordings.stated import Servo
-from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE, ROUNDING
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
@@ -160,79 +155,6 @@ def data_lines(result: Estimate) -> list[str]:
     return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
 
-FIRST = 5
-"""Largest number of findings on a screen of 24 lines."""
-
-
-def screen(made: Document, result: Estimate) -> str:
-    """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
-    lines = [Headline.of(result.verdict()).line, "", _ratios(result, 11), *first_lines(made.findings)]
-    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
-
-
-def first_lines(cards: Sequence[Card]) -> list[str]:
-    """First sentences of the first findings, a line each."""
-    return [_remark(card.text, 112, card.doubt) for card in cards[:FIRST]]
-
-
-def verbose(made: Document, result: Estimate) -> str:
-    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest."""
-    # With so many remarks, and channels or bodies, an arm takes 40 lines, four legs of twelve joints 50.
-    most, channels = 8, 12
-    doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
-    notes = result.prepared.notes
-    hidden = {"more remark": len(remarks) - most, "more note": len(notes) - most}
-    left = [number_of(count, what) for what, count in hidden.items() if count > 0]
-    tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
-    lines = [
-        f"Verdict: {made.verdict}",
-        *(each.line for each in doubts),
-        *(_remark(each.text) for each in remarks[:most]),
-        "",
-        *made.lines[:3],
-        *(_remark(note) for note in notes[:most]),
-        "",
-        _ratios(result, channels),
-        *_bodies(result, channels),
-        f"The page has {', '.join([*left, 'all details'])}.",
-        f"Tables, also as .csv and .tex: {tables}.",
-    ]
-    return wrapped("\n".join(lines))
-
-
-def _remark(text: str, most: int = 225, doubt: bool = False) -> str:
-    """First sentence of a finding, in at most so many letters."""
-    return line_of(shorten(sentences(text)[0], most, placeholder=" …"), doubt)
-
-
-def _ratios(result: Estimate, most: int) -> str:
-    """Table of the residuals over the signal by candidate, of the worst channels if there are more than so many."""
-    held, channels, idle = result.held_out, result.channels, result.verdict().idle
-    every = {ESTIMATE: held.ratio, **result.rivals}
-    shown = np.sort(np.argsort(-held.ratio, kind="stable")[:most])
-    alike = about_best(np.array([ratio[shown] for ratio in every.values()])).T
-    names = [channels[k] for k in shown]
-    cut = [name if len(name) <= 30 else f"{name[:29]}…" for name in names]
-    columns = {"channel": cut} | {name: ratio[shown] for name, ratio in every.items()}
-    columns["best"] = [
-        "not counted" if name in idle else listed(each for each, best in zip(every, own, strict=True) if best)
-        for name, own in zip(names, alike, strict=True)
-    ]
-    of = f", the {most} worst of {len(channels)} channels" if len(channels) > most else ""
-    return tabular.Table(f"Residual of the {held.part} part over its signal{of}", *tabular.columns(**columns)).text()
-
-
-def _bodies(result: Estimate, most: int) -> list[str]:
-    """Table of masses and centres of mass with intervals, or a sentence if there are more bodies."""
-    full = result.consistent()
-    if len(full.bodies) > most:
-        masses = [f"{each.body} {each.words} kg" for each in full.rows[::10] if each.determined]
-        known = f": {', '.join(masses)}" if masses else ""
-        return [f"The data determine {len(masses)} of {len(full.bodies)} masses{known}."]
-    return ["Bodies of the updated model, with 95 % intervals (-: not determined)", str(full), ""]
-
-
 def document(
     result: Estimate,
     model: Path | None,
@@ -279,7 +201,7 @@ def document(
         replay=page.replay(result),
         files={updated: partial(_write_updated, result, geometry)} if updated else {},
     )
-    return replace(made, screen=screen(made, result), verbose=verbose(made, result))
+    return replace(made, screen=page.screen(made, result), verbose=page.verbose(made, result))
 
 
 def scales_table(result: Estimate) -> tabular.Table:

@@ -9,7 +9,7 @@ from typing import Any
 from experiments.document import tabular
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
-from experiments.document.terminal import wrapped
+from experiments.document.typography import wrapped
 from experiments.document.writer import Card, Document, Headline, Plot, environment
 from experiments.reports import identify_page, identify_report
 from ident.estimation.noise import offset_unit
@@ -114,7 +114,7 @@ class PayloadReport:
         """Text for the terminal on 24 lines: verdict, mass, centre and inertia, and the first findings."""
         first = [Headline.of(self.payload.verdict()).line, "", self.table(brief=True).text()]
         where = "payload.txt has these for URDF, MJCF and robot controllers; --verbose prints all numbers."
-        return "\n".join([*first, *identify_report.first_lines(cards), where])
+        return "\n".join([*first, *identify_page.first_lines(cards), where])
 
     def verbose(self) -> str:
         """Longer text for the terminal."""

@@ -7,7 +7,6 @@ import numpy as np
 from experiments.data import validation as data
 from experiments.data.validation import CANDIDATES, ESTIMATE, OTHERS, WORSE, Study, Validation, Values, inside
 from experiments.document.tabular import Cell, Table, of_deviations
-from experiments.reports.validation_figures import agreement
 from ident.judgement.verdict import Outcome
 
 
@@ -79,6 +78,18 @@ def _recording(validation: Validation) -> tuple[Cell, ...]:
     shares = (_percent(inside(z[name])) for name in ("halves", "trials", "identical"))
     start = (validation.entry.title, *validation.samples, Outcome(validation.outcome).word)
     return *start, *counts, data.rms(validation.halves), *shares, round(validation.seconds)
+
+
+def agreement(validation: Validation) -> dict[str, np.ndarray]:
+    """Differences in stated standard deviations: of halves, of trials identified alone, and of identical parts.
+
+    Those of halves are not widened by a parameter's own halves, which would always agree.
+    """
+    return {
+        "halves": validation.halves / validation.widening,
+        "trials": validation.trial_z,
+        "identical": validation.alike_z,
+    }
 
 
 def _percent(share: float, form: str = ".0f") -> str | None:

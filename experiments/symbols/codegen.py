@@ -12,8 +12,7 @@ from sympy.printing.pycode import PythonCodePrinter
 from sympy.simplify.fu import TR8
 
 from experiments.document import tabular
-from experiments.document.symbols import parameter_symbol
-from experiments.document.terminal import wrapped
+from experiments.document.typography import parameter_symbol, wrapped
 from experiments.symbols import symbolic
 from experiments.symbols.symbolic import SymbolicModel, decimals
 from ident.errors import InputError, ModelError

@@ -14,10 +14,9 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
 from ident.estimators.least_squares import FilteredLeastSquares, filtered_least_squares
 from ident.estimators.predictions import Candidate, Predictions
-from ident.judgement.agreement import differences, disagreements, widening, widenings, without
 from ident.judgement.checks import wrench_checks
 from ident.judgement.model_fit import recorded_gravity
-from ident.judgement.residuals import beyond_fast_noise
+from ident.judgement.residuals import beyond_fast_noise, differences, disagreements, widening, widenings, without
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.held_out import LEAST_SQUARES, MODEL

@@ -16,6 +16,7 @@ from ident.geometry.inertia import body_of_parameter
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
+from ident.judgement.residuals import BEYOND_CHANCE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import STANDARD_GRAVITY
@@ -92,7 +93,7 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
     large = {
         channel: (value, std, coefficient_unit(f"offset({channel})", evidence.mechanism.tree))
         for channel, (value, std) in offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * scales[channel]
+        if abs(value) > BEYOND_CHANCE * std and abs(value) > 0.3 * scales[channel]
     }
     if not large:
         return

@@ -21,12 +21,14 @@ from scipy.spatial.transform import Rotation
 from ident.estimation.equations import COMPONENTS, stated_drive_torques
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
+from ident.judgement.residuals import BEYOND_CHANCE
 from ident.judgement.torque_checks import drive_rows, without_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion, joined
 from ident.model.axes import Axes
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.prior import known_roots
+from ident.tolerances import FAR_BETTER
 
 TIE = 1.25
 """Factor on the smallest error up to which errors count as equal."""
@@ -37,9 +39,6 @@ SAMPLES = 40
 UNMODELLED = 0.6
 """Unexplained part, over the size of a channel. Arms of six and seven joints, slow and fast, with
 masses wrong by 20 to 40 % are left with 0.1 to 0.4 in gravity's right direction, and with 0.55 to 1.1 in others."""
-
-FAR_BETTER, EXPLAINED = 0.6, 0.45
-"""Misfit of another set-up over that of the stated one below which the latter is wrong, and the largest for that."""
 
 AXIS, AWAY = np.cos(np.radians(8)), np.cos(np.radians(15))
 """Cosine of the angle from an axis up to which a fitted direction is taken as that axis; and of the one from the stated
@@ -222,7 +221,7 @@ def gravity_check(
     other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < -0.02 else TIE)
     # Where joints move in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     lighter = fit.misfit(along * fit.down) if along > TURNS[-1] else np.inf
-    possible = along < AWAY and misfit < min(FAR_BETTER * stated, EXPLAINED, TIE**2 * other, FAR_BETTER * lighter)
+    possible = along < AWAY and misfit < min(FAR_BETTER * stated, TIE**2 * other, FAR_BETTER * lighter)
     joint = None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down)
     return GravityCheck(stated, misfit, rpy_deg(mechanism, best), joint, possible, possible and misfit < other)
 
@@ -304,7 +303,7 @@ class DelayCheck(NamedTuple):
 def delay_check(prepared: Prepared) -> DelayCheck | None:
     """The delay of a wrench or torques that explains most; None where the base moves or commands are fitted.
 
-    Delays of up to a second and a tenth of the recording are tried. One is at least four standard deviations from zero.
+    Delays of up to a second and a tenth of the recording are tried. One is beyond chance.
     """
     kept = prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))
     if not prepared.recording.is_held(prepared.mechanism.tree) or prepared.recording.servos or len(kept) < 2:
@@ -326,7 +325,7 @@ def delay_check(prepared: Prepared) -> DelayCheck | None:
         if names:
             misfits = fit.misfits(fit.down, np.array([fit.scaled(each) for each in variants]))
             delay, std = _least(delays, misfits)
-            far = misfits.min() < min(FAR_BETTER * stated, EXPLAINED, least) and abs(delay) > 4 * std
+            far = misfits.min() < min(FAR_BETTER * stated, least) and abs(delay) > BEYOND_CHANCE * std
             checks.append(DelayCheck(of, delay, std, stated, float(misfits.min()), bool(far)))
     return min(checks, key=lambda check: check.misfit)
 

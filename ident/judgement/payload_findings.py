@@ -16,7 +16,7 @@ from ident.judgement.mass_findings import consistency_findings
 from ident.judgement.recording_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
-from ident.tolerances import INTERVAL, POOR, SIGNIFICANT
+from ident.tolerances import INTERVAL, LIKELY, POOR, SIGNIFICANT
 
 FORCES = COMPONENTS[:3]
 """Channels of the force."""
@@ -31,9 +31,9 @@ SHOWN = 3.0
 """Standard deviations of a load's mass above zero from which recordings show it, and from a stated one from which they
 contradict that."""
 
-TIMES, HEAVIEST = 10.0, 2300.0
-"""Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry up to what
-they weigh, but some models have the last links or the gripper alone; the strongest on the market carries 2300 kg."""
+HEAVIEST = 2300.0
+"""Largest possible mass of a payload, kg: what the strongest robot on the market carries. Robots carry up to what they
+weigh, but some models have the last links or the gripper alone."""
 
 JUDGES = (
     *(quality_findings, setup_remarks, course_findings, halves_findings, model_error_findings),
@@ -67,7 +67,7 @@ def payload_findings(
         *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
     if mass > min(robot or HEAVIEST, HEAVIEST):
-        far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
+        far = mass > min(LIKELY * (robot or HEAVIEST), HEAVIEST)
         on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     on_fit += _undetermined(identifiable)
@@ -106,7 +106,7 @@ def load_findings(
     if weighed is not None and abs(mass - weighed[0]) > SHOWN * np.hypot(std, weighed[1]):
         out.append(Finding.of("load_weighs_another", mass=mass, std=std, weighed=weighed[0]))
     if mass > robot:
-        out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
+        out.append(Finding.of("payload_mass_unlikely", doubt=mass > LIKELY * robot, mass=mass, robot=robot))
     # A mass that is not shown is a doubt of its own.
     out += _undetermined(np.r_[True, identifiable[1:]])
     if rubs:

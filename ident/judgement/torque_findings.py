@@ -8,32 +8,24 @@ Bodies with a times the model's first moments and up to k times its masses have 
 scale b ≥ a / k.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.noise import coefficient_unit
 from ident.geometry.inertia import parameters_from_com
-from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, Place
-from ident.judgement.residuals import correlated_samples
+from ident.judgement.fit_findings import NEGLIGIBLE
+from ident.judgement.residuals import BEYOND_CHANCE, correlated_samples
 from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples, lacking_drives
 from ident.judgement.wording import listed
-from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor
-from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
 from ident.tolerances import DRIVE, INTERVAL, LIKELY, SINGULAR
-from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
-
-DEVIATIONS = 4.0
-"""Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
 
 
 class Parts(NamedTuple):
@@ -57,9 +49,9 @@ class Parts(NamedTuple):
 
         Inertia far below zero is no lack of it but another error of the model.
         """
-        weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
+        weight = abs(self.weight) if abs(self.weight) > BEYOND_CHANCE * self.weight_std else 1.0
         least = weight * min(weight, 1.0) / LIKELY
-        return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
+        return not -least <= self.inertia + BEYOND_CHANCE * self.inertia_std < least
 
 
 def cause_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -200,7 +192,9 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     if not scaled or joint is None:
         return
     exact = [name for name in _torques(evidence) if name not in scaled]
-    bodies = _fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
+    # A body that was weighed fixes the scale of what carries it.
+    stated, usual = evidence.mechanism.prior_known, evidence.known["mass"]
+    bodies = [name for name, own in stated.items() if own.get("mass", usual) < usual] if joint.known else []
     reasons = {
         "the measured wrench": equations.wrench is not None,
         f"the torques of {listed(exact)}": exact,
@@ -231,33 +225,3 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
         fitted = {column_place(name)[0] for name in equations.drives}
         wanted = tuple(kind for kind in DRIVE if kind in lacking | fitted)
         yield Finding.of("friction_not_fitted", doubt=lacking != {SLOW}, shares=shares, drives=wanted)
-
-
-def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> tuple[str, ...]:
-    """Names of the bodies whose own deviations fix the scales of torques, such as a payload that was weighed.
-
-    A body counts if the standard deviation of a scale grows notably once the body is only known as the others are.
-
-    Args:
-        estimate: The trajectory estimate, with a prior.
-        mechanism: The mechanism, with the deviations of these bodies.
-        known: Standard deviations of the other bodies.
-    """
-    own = mechanism.prior_known
-    better = [name for name, each in own.items() if each.get("mass", known["mass"]) < known["mass"]]
-    with_all = _scale_deviations(estimate, mechanism, known) if better else np.zeros(0)
-    less = {name: {other: each for other, each in own.items() if other != name} for name in better}
-    deviations = {name: _scale_deviations(estimate, replace(mechanism, prior_known=less[name]), known) for name in less}
-    # A body that brings half of the information widens a deviation by √2.
-    return tuple(name for name, without in deviations.items() if (without > np.sqrt(2) * with_all).any())
-
-
-def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> np.ndarray:
-    """Standard deviations of the scales of torques with a prior of the bodies (k,)."""
-    fit, parameters = estimate.fit, estimate.measurement.equations.parameters
-    rank, precision = parameters.rank, fit.precision.copy()
-    prior = inverse_of_precision(known_covariance(mechanism, parameters, known))
-    precision[:rank, :rank] += fit.prior.weight * prior - fit.prior.precision[:rank, :rank]
-    free = np.flatnonzero(fit.free)
-    variances = np.diag(inverse_of_precision(precision[np.ix_(free, free)]))
-    return np.sqrt(variances[[k in estimate.setup and estimate.setup[k].row.stated for k in free.tolist()]])

@@ -14,9 +14,9 @@ from ident.judgement import fit_findings as fit
 from ident.judgement import mass_findings as masses
 from ident.judgement import recording_findings as recorded
 from ident.judgement import torque_findings as torques
-from ident.judgement.candidates import Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
+from ident.judgement.fit_findings import Candidates, candidate_findings
 from ident.judgement.mass_findings import Mass, estimated_mass
 from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.wording import CANDIDATES, NAMED, listed, number_of

@@ -24,9 +24,9 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
-from ident.judgement.agreement import widening
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import load_findings
+from ident.judgement.residuals import widening
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.body_bounds import scaled_root
@@ -225,7 +225,7 @@ class Load(Payload):
         without: The estimate from recordings without it.
         joint: One fit of all recordings, whose first ten parameters are the load's φ in the body's frame.
         differing: χ² of the recordings with it from those without it, less what the load explains, and its degrees of
-            freedom: standard deviations from the noise are widened by `agreement.widening`.
+            freedom: standard deviations from the noise are widened by `residuals.widening`.
         weighed: Its mass by a scale and the standard deviation of that, kg; None if it was not stated.
         unweighed: The joint fit without that mass; None if it was not stated.
     """

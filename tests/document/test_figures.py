@@ -5,15 +5,19 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from recorded_faults import PENDULUM, faulty, shortened
 
 import experiments
-from experiments.document import drawn_data, figures, pictures
+import ident
+from experiments.document import figures, pictures
+from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
 from ident.display.plots import few_decades
 
 ROOT = Path(experiments.__file__).parents[1]
@@ -96,8 +100,8 @@ def test_data_are_the_numbers_that_artists_draw(mark):
     (draw, expected), ax = DRAWN[mark], Figure().subplots()
     draw(ax)
     ax.set(xlabel=r"$m_{2}r_{z,2}$ (kg m)", yticks=[1, 2, 3], yticklabels=["=a", "b", "c"])
-    rows = list(csv.DictReader(io.StringIO(drawn_data.csv_text(ax.figure))))
-    assert [" ".join(row.get(name) or "-" for name in drawn_data.NUMBERS) for row in rows] == expected
+    rows = list(csv.DictReader(io.StringIO(figures.csv_text(ax.figure))))
+    assert [" ".join(row.get(name) or "-" for name in figures.NUMBERS) for row in rows] == expected
     assert {(row["mark"], row["x_axis"]) for row in rows} == {(mark, "m2rz2 (kg m)")}
     words = {"1.0": "'=a", "2.0": "b", "3.0": "c"}
     assert [row.get("y_category", "") for row in rows] == [words.get(row["y"], "") for row in rows]
@@ -108,7 +112,7 @@ def test_artists_that_cannot_be_read_are_named(draw):
     figure = Figure()
     artist = draw(figure.subplots())
     with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
-        drawn_data.csv_text(figure)
+        figures.csv_text(figure)
 
 
 def places(picture, shape, attribute):
@@ -149,3 +153,47 @@ def test_one_candidate_has_no_ring_and_columns_and_ends_of_curves_have_their_num
     assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn)[4:] == ["xx", "yy", "zz", "xy", "xz", "yz", "Fc"]
     drawn = pictures.curves(np.arange(3.0), {"worst": (np.array([0.0, 111.2, 1.0]), np.array([0.0, -49.4, 1.0]))})
     assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn) == ["111", "\N{MINUS SIGN}49.4"]
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    return ident.identify(PENDULUM, shortened(faulty(1), 300))
+
+
+def labels(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
+    figure = parameters_figure(estimate)
+    (axes,) = figure.axes
+    (bars,) = axes.collections
+    half = [np.ptp(segment[:, 0]) / 2 for segment in bars.get_segments()]
+    prior = estimate.base.regroup(PENDULUM.known)
+    size = np.max([abs(estimate.psi), abs(prior), 1.96 * estimate.std_setup], axis=0)
+    np.testing.assert_allclose(half, 1.96 * estimate.std_setup / size, rtol=1e-3)
+    assert axes.get_xlabel() == "Value over the largest of estimate, model and half-width"
+    assert labels(figure) == ["Model", "Estimate, 95 % with set-up"]
+
+
+def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
+    assert labels(held_out_figure(estimate)) == ["Measured", "Predicted"]
+    resting = np.zeros(estimate.held_out.residual.shape, bool)
+    resting[:40, 3] = True
+    slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
+    figure = held_out_figure(slow)
+    assert labels(figure) == ["Measured", "Predicted", "Low velocity, not judged"]
+    assert "not judged" in held_out_caption(slow) and "not judged" not in held_out_caption(estimate)
+    assert sum(len(axes.collections) for axes in figure.axes) == 1
+
+
+def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
+    time, mask = estimate.held_out.time, np.zeros(estimate.held_out.residual.shape, bool)
+    # One sample alone, and three that are closer together than a line's width.
+    mask[[20, 60, 62, 64], 0] = True
+    first = held_out_figure(replace(estimate, held_out=replace(estimate.held_out, resting=mask))).axes[0]
+    edges = np.array([path.get_extents().intervalx for path in first.collections[0].get_paths()])
+    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * 0.012 * np.ptp(time)).all()
+    np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
+    # Lines of the grid would look like spans.
+    assert not any(line.get_visible() for line in first.get_xgridlines())

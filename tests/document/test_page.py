@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from experiments import __main__ as index
-from experiments.document import pictures, symbols
+from experiments.document import pictures, typography
 from experiments.document.tabular import Table
 from experiments.document.writer import Card, Document, Headline, Output, Plot, environment, written
 
@@ -158,4 +158,4 @@ def shown_by_markdown(source):
 @example("_a_")
 def test_all_letters_are_shown_and_none_is_acted_on(text):
     in_a_line = re.sub(r"[\n\r\t]+", " ", text)
-    assert shown_by_tex(symbols.tex(text)) == shown_by_markdown(symbols.markdown(text)) == in_a_line
+    assert shown_by_tex(typography.tex(text)) == shown_by_markdown(typography.markdown(text)) == in_a_line

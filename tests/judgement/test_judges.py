@@ -15,11 +15,11 @@ import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement import mass_findings, payload_findings
-from ident.judgement.agreement import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
 from ident.judgement.fit_findings import course_findings, halves_findings, prior_findings, quality_findings
 from ident.judgement.recording_findings import contact_findings, setup_remarks
+from ident.judgement.residuals import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import KNOWN, known_covariance

@@ -10,8 +10,8 @@ from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
-from ident.judgement.candidates import NOTABLY
 from ident.judgement.finding import Finding
+from ident.judgement.fit_findings import NOTABLY
 from ident.judgement.verdict import Outcome, Verdict, decided
 from ident.setup import PRIORS
 

@@ -20,7 +20,7 @@ from stand_ins import leave_undrawn
 import scenes
 from experiments import identify
 from experiments.document.writer import Card
-from experiments.reports import identify_report
+from experiments.reports import identify_page
 from experiments.studies.user_files import prepare
 from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
@@ -273,7 +273,7 @@ def test_channels_without_numbers_are_named(tmp_path, capsys):
 
 def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():
     cards = [Card("", "Torques rub. Weigh the arm.", False), Card("", "long " * 99, True)]
-    whole, cut = identify_report.first_lines(cards)
+    whole, cut = identify_page.first_lines(cards)
     assert whole == "  - Torques rub." and cut.startswith("  ! long") and cut.endswith(" …")
 
 

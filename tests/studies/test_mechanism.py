@@ -14,7 +14,7 @@ from experiments.__main__ import main as everything
 from experiments.cli.command import main
 from experiments.data import paper
 from experiments.document.figures import SHEET
-from experiments.reports import mechanism_report
+from experiments.reports import paper_report
 from experiments.runs import workers
 from experiments.studies import pendulum_drawn, person_on_plates
 from ident.geometry.se3 import exp
@@ -32,14 +32,14 @@ def test_figure_1_is_drawn_from_the_scene():
     np.testing.assert_allclose(DRAWING.end, end, atol=1e-12)
     arm = exp([0, 0, 0, 1, 0, 0], q1 + q2)[:3, :3] @ [0.1, 0, 0.2]
     np.testing.assert_allclose(DRAWING.masses[2], elbow + arm, atol=1e-12)
-    bodies, frames = ({text.get_text() for text in ax.texts} for ax in mechanism_report.figure_1(DRAWING).axes[:2])
+    bodies, frames = ({text.get_text() for text in ax.texts} for ax in paper_report.figure_1(DRAWING).axes[:2])
     assert {"$m_1$", "$m_2$", "$m_3$", "$l_1$", r"$\theta_1$", r"$\theta_2$"} <= bodies
     assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= frames
 
 
 def test_table_2_is_that_of_the_paper():
     still, turning = ("(0, 0, 0)", "(0, 0, 0)"), ("(0, 0, 0)", "(1, 0, 0)")
-    rows = mechanism_report.table_2(DRAWING.tree, DRAWING.base).rows
+    rows = paper_report.table_2(DRAWING.tree, DRAWING.base).rows
     assert [(row[0], *row[2:]) for row in rows] == [
         ("base, i = 1", "(0, 0, 1)", *still),
         ("link1, i = 2", "(0, 0, 1)", *turning),

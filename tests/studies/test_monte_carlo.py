@@ -13,7 +13,7 @@ from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import Distribution
 from experiments.data.simulated_study import StudyProblem
-from experiments.reports import monte_carlo_report
+from experiments.reports import paper_report
 from experiments.runs import workers
 from experiments.studies import simulation
 from experiments.studies.simulation import study, trial
@@ -93,7 +93,7 @@ def test_statistics(tmp_path):
     np.testing.assert_array_equal(errors_of.coverage, [0.75, 0.5])
     np.testing.assert_array_equal(errors_of.percentile, [[50, 100], [50, 100]])
     np.testing.assert_array_equal(errors_of.predicted_std, [1, 1])
-    (tmp_path / "table.csv").write_text(monte_carlo_report.table("m", errors_of).csv(), encoding="utf-8")
+    (tmp_path / "table.csv").write_text(paper_report.trials_table("m", errors_of).csv(), encoding="utf-8")
     low, high = np.percentile(errors[:, 1], [2.5, 97.5])
     numbers = {"mean_error": 1.5, "std": np.std(errors[:, 1], ddof=1), "low_95": low, "high_95": high}
     numbers |= {"predicted_std": 1.0, "coverage_95": 0.5, "paper_error": 9.0}

@@ -16,7 +16,7 @@ from experiments import identify
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
-from ident.judgement.fit_findings import FAR_APART
+from ident.judgement.residuals import BEYOND_CHANCE
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
@@ -119,7 +119,7 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     exact = "[setup]\n" + "".join(f"{key} = 0\n" for key in keys)
     estimate = by_command(tmp_path, trials, "--base", "base", columns=exact)
     apart = np.array(estimate["logs"]["rms_z"])
-    assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > FAR_APART
+    assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > BEYOND_CHANCE
     # The wrong log is found by comparison with the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
     (finding,) = (each["values"] for each in estimate["findings"] if each["code"] == "logs_disagree" and each["doubt"])

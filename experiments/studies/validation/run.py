@@ -21,7 +21,7 @@ from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
-from ident.judgement.agreement import differences
+from ident.judgement.residuals import differences
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
 from ident.payload import QUANTITIES, UNITS, RigidBody, described
