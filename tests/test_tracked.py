@@ -262,7 +262,7 @@ def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"body": "hand", **POSE}, "[tracked.flange] needs a body that joints move, one of b0, b1, b2, b3, b4; got"),
+        ({"body": 3, **POSE}, "tracked.flange.body needs"),
         ({**POSE, "position": ["x", "y"]}, "tracked.flange.position needs a list of 3 columns, got ['x', 'y']."),
         ({"position": ["x", "y", "z"]}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**POSE, **QUATERNION}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),

@@ -23,7 +23,6 @@ from ident.mechanism.tree import Tree
 from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
-from ident.recordings.stated import tracked_bodies
 from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -194,11 +193,12 @@ def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collectio
         resting: Names of the joints that rest.
     """
     tree = mechanism.tree
-    bodies = tracked_bodies(tree)
+    bodies = [tree.names[i] for i in sorted(tree.moved)]
     for name, tracker in recording.trackers.items():
         if tracker.body not in bodies:
             raise InputError(
-                f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; got '{tracker.body}'."
+                f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; poses of the base "
+                f"belong under [base] of the columns file. Got '{tracker.body}'."
             )
         shapes = {f"{name}_position": (3,), f"{name}_orientation": (4,)}
         for channel, shape in shapes.items():
