@@ -20,8 +20,7 @@ from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.consistent_set import UNITS, maxima, traces
-from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
+from ident.parameters.nearest_bodies import ROOM, UNITS, NearestBodies, maxima, region, traces
 from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
 
 LEAST = 1e-4
