@@ -103,8 +103,7 @@ print(f"{inside.sum()} of {len(at)} intervals contain the truth, {np.sum(half < 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
 lengths = {"x of elbow": "length of the upper arm", "x of wrist": "length of the forearm"}
-names = [f"{axis} of {body.joint}" for body in bodies[2:] for axis in "xyz"]
-rows = [lengths.get(name, name) for name in names]
+rows = [lengths.get(name := f"{axis} of {body.joint}", name) for body in bodies[2:] for axis in "xyz"]
 panel.axvspan(-1.96 * stated, 1.96 * stated, color="0.92", label="95 % as stated")
 panel.errorbar(value, rows, xerr=half, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
 panel.plot(true, rows, "x", color="C1", mew=2, zorder=3, label="truth")

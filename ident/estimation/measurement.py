@@ -115,16 +115,12 @@ class Measurement:
     @cached_property
     def shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        return self._shifts(of_poses=False)
+        return {at: x.row.shift for at, x in reversed(self.setup_at.items()) if x.row.shift and x.row.of != CLOCKS}
 
     @cached_property
     def pose_shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of poses by index in θ."""
-        return self._shifts(of_poses=True)
-
-    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
-        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
-        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
+        return {at: x.row.shift for at, x in self.setup_at.items() if x.row.shift and x.row.of == CLOCKS}
 
     @property
     def smooth(self) -> bool:
