@@ -24,9 +24,6 @@ ROOM = INTERVAL**2
 CONFIDENCE = 0.95
 """Probability of the confidence region of ψ, within which ψ counts as attained."""
 
-UNPHYSICAL = 1e-8
-"""Eigenvalue of `J P⁻¹` below which a body counts as not physical."""
-
 FINEST = 0.8
 """The continuation towards the prior's width stops when a step can only reduce the weight by a factor above this."""
 
@@ -112,8 +109,6 @@ class NearestBodies:
             minimum = self._minimiser(K, multipliers, following)
             if minimum is None:
                 ratio = np.sqrt(ratio)
-            elif np.linalg.eigvalsh(minimum[0]).min() < UNPHYSICAL:
-                break
             else:
                 (K, multipliers), mu, ratio = minimum, following, max(0.1, ratio**2)
         return K
