@@ -110,8 +110,7 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
 
 def _person(args: argparse.Namespace) -> Any:
     """The person whose segments the bodies are; None if the prior is the model's."""
-    from ident.parameters.anthropometry import TABLES
-    from ident.parameters.person_prior import Person
+    from ident.parameters.person_prior import TABLES, Person
 
     given = {"--mass": args.mass, "--height": args.height, "--sex": args.sex}
     if args.prior not in TABLES:

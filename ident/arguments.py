@@ -86,7 +86,7 @@ def checked_deviations(
         given: Mapping of names to numbers, or to False for zero.
         choices: Valid names.
         error: Type of the error to raise.
-        most: Largest standard deviations by name, of those that have one.
+        most: Largest standard deviations by name, of those that have one; also of single joints, as `centre(elbow)`.
 
     Raises:
         InputError: It is no mapping, a name is not valid, or a value is negative, too large, NaN or no number.
@@ -97,37 +97,23 @@ def checked_deviations(
     for name, value in given.items():
         if name not in names:
             raise error(f"{where} has no entry '{short(name)}'; valid are {', '.join(names)}.")
-        largest = most.get(name, HUGE)
+        largest = most.get(name.partition("(")[0], HUGE)
         if value is not False and not (is_number(value) and 0 <= value <= largest):
             limit = f"; the largest is {largest:g}" if is_number(value) and value > largest else ""
             raise error(f"{where}.{name} needs a standard deviation, zero or false, got {described(value)}{limit}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 
-def checked_by_joint(
-    where: str, given: Any, kind: str, joints: Iterable[str], most: float, error: type[InputError] = InputError
-) -> tuple[Any, dict[str, float]]:
-    """Divides standard deviations into those of kinds and those of one kind by joint; errors as above.
+def by_joint(given: Any, kind: str) -> Any:
+    """Standard deviations in which one kind's table of joints are names.
 
-    Args:
-        where: Name of the argument in messages.
-        given: Mapping in which that kind may be a table of joints, as `{"centre": {"elbow": 0.01}}`.
-        kind: The kind.
-        joints: Names of the joints that have it.
-        most: Its largest standard deviation.
-        error: Type of the error to raise.
-
-    Returns:
-        The others as they are, and the joints' by names as `centre(elbow)`.
+    >>> by_joint({"zero": 0, "centre": {"elbow": 0.01}}, "centre")
+    {'zero': 0, 'centre(elbow)': 0.01}
     """
-    if not isinstance(given, Mapping):
-        return given, {}
-    others = {name: x for name, x in given.items() if not str(name).startswith(f"{kind}(")}
-    by_joint = {name[len(kind) + 1 : -1]: x for name, x in given.items() if name not in others}
-    if isinstance(others.get(kind), Mapping):
-        by_joint |= others.pop(kind)
-    checked = checked_deviations(f"{where}.{kind}", by_joint, joints, error, dict.fromkeys(by_joint, most))
-    return others, {f"{kind}({joint})": std for joint, std in checked.items()}
+    own = given.get(kind) if isinstance(given, Mapping) else None
+    if not isinstance(own, Mapping):
+        return given
+    return {name: x for name, x in given.items() if name != kind} | {f"{kind}({name})": x for name, x in own.items()}
 
 
 def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from ident.annotations import typed
-from ident.arguments import check_holdout, checked_by_joint, checked_deviations, checked_names, described
+from ident.arguments import by_joint, check_holdout, checked_deviations, checked_names, described
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
@@ -92,15 +92,15 @@ def checked_setup(given: Any, joints: Iterable[str]) -> dict[str, float]:
     Raises:
         InputError: They are malformed, or one is given to scales of torques, which have their own by joint.
     """
-    given, single = checked_by_joint("setup", given, "centre", joints, LARGEST["centre"])
-    setup = checked_deviations("setup", given, PRIORS, most=LARGEST)
+    choices = (*PRIORS, *(f"centre({joint})" for joint in joints))
+    setup = checked_deviations("setup", by_joint(given, "centre"), choices, most=LARGEST)
     for kind, std in setup.items():
-        if std and SETUP[kind].stated:
+        if std and kind in SETUP and SETUP[kind].stated:
             raise InputError(
                 f"setup.{kind} needs zero or false for exact torques, got {std:g}: how uncertain a torque's scale is "
                 "belongs to its joint (torque_std or kp_std of the columns file, scales of a Recording)."
             )
-    return setup | single
+    return setup
 
 
 def _as_stated(log: Prepared, setup: Mapping[str, float]) -> Prepared:

@@ -98,9 +98,8 @@ def test_centres_are_in_the_intervals_though_none_is_found():
     [
         (-1, "centre needs a standard deviation, zero or false, got -1."),
         ("3", "centre needs a standard deviation, zero or false, got '3'."),
-        ({"joint3": 0.01}, "centre has no entry 'joint3'; valid are joint1, joint2."),
-        ({"joint2": -0.01}, "centre.joint2 needs a standard deviation, zero or false, got -0.01."),
-        ({"joint2": 11}, "centre.joint2 needs a standard deviation, zero or false, got 11; the largest is 10."),
+        ({"joint2": -0.01}, r"centre\(joint2\) needs a standard deviation, zero or false, got -0.01."),
+        ({"joint2": 11}, r"centre\(joint2\) needs a standard deviation, zero or false, got 11; the largest is 10."),
     ],
 )
 def test_what_is_stated_of_centres_is_checked(centre, message):
@@ -108,6 +107,8 @@ def test_what_is_stated_of_centres_is_checked(centre, message):
         stated_mapping({"setup": {"centre": centre}}, PENDULUM.tree)
     with pytest.raises(ident.InputError, match=rf"^setup\.{message}$"):
         checked_setup({"centre": centre}, PENDULUM.tree.compounds)
+    with pytest.raises(ident.InputError, match=r"no entry 'centre\(elbow\)'; valid .* centre\(joint2\)"):
+        checked_setup({"centre": {"elbow": 0.01}}, PENDULUM.tree.compounds)
 
 
 @pytest.mark.parametrize(("felt", "offsets"), [(("shoulder", "elbow"), False), (("elbow",), True), ((), False)])

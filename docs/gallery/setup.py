@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import multicontact as mc
 from ident.recordings.stated import Tracker
-from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
 
 # ## Axes that are not where the model has them
 #
@@ -77,41 +77,37 @@ figure.legend(loc="outside lower center", ncols=2)
 # poses of the tool show them; the forearm, about which the wrist turns, does not show its length.
 
 arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
-rng, time, stated = np.random.default_rng(5), np.arange(600) / 100, 2e-3
-shifts, bodies = stated * rng.normal(size=(3, 3)), list(arm.tree.bodies)
-for k, shift in enumerate(shifts, 2):
-    home = bodies[k].home + np.pad(shift[:, None], ((0, 1), (3, 0)))
-    bodies[k] = replace(bodies[k], home=home)
-tree = replace(arm.tree, bodies=tuple(bodies))
+rng, time, joints, bodies, stated = np.random.default_rng(5), np.arange(600) / 100, arm.tree.joints, arm.tree.bodies, 2
+shifts = stated * rng.normal(size=(3, 3))
+homes = [body.home + 1e-3 * np.pad(x[:, None], ((0, 1), (3, 0))) for body, x in zip(bodies[2:], shifts, strict=True)]
+moved = (replace(body, home=home) for body, home in zip(bodies[2:], homes, strict=True))
+tree = replace(arm.tree, bodies=(*bodies[:2], *moved))
 
-pulsation, phase = 2 * np.pi * 0.2 * np.arange(1, 6), rng.uniform(0, 6.3, (4, 5))
-waves = [np.exp(1j * (pulsation * time[:, None, None] + phase)) * (1j * pulsation) ** d for d in range(3)]
-q, dq, ddq = (0.2 * wave.real.sum(axis=2) for wave in waves)
-torques = mc.joint_torque_regressor(tree, q, dq, ddq, gravity=arm.gravity) @ arm.known
-poses = tree.poses(q)[:, -1]
+frequency = np.tile(0.2 * np.arange(1, 6), (4, 1))
+motion = Excitation(np.zeros(4), 8 * frequency**2, frequency, rng.uniform(0, 6.3, (4, 5))).trajectory(time)
+torques = mc.joint_torque_regressor(tree, *motion, gravity=arm.gravity) @ arm.known
+poses = tree.poses(motion[0])[:, -1]
 turned = Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_rotvec(2e-4 * rng.normal(size=(600, 3)))
-measured = {f"{joint}_position": q[:, k] + 1e-4 * rng.normal(size=600) for k, joint in enumerate(arm.tree.joints)}
-measured |= {f"{joint}_torque": torques[:, k] + 0.02 * rng.normal(size=600) for k, joint in enumerate(arm.tree.joints)}
+measured = {f"{joint}_position": q + 1e-4 * rng.normal(size=600) for joint, q in zip(joints, motion[0].T, strict=True)}
+measured |= {f"{joint}_torque": x + 0.02 * rng.normal(size=600) for joint, x in zip(joints, torques.T, strict=True)}
 measured |= {"tool_position": poses[:, :3, 3] + 1e-4 * rng.normal(size=(600, 3))}
 measured |= {"tool_orientation": turned.as_quat(scalar_first=True)}
-recording = mc.Recording(time, measured, trackers={"tool": Tracker("tool")})
-fit = mc.identify(arm, recording, drive=[], known=False, setup={"centre": stated, "axis": 0, "zero": 0}).trajectory.fit
+recording, setup = mc.Recording(time, measured, trackers={"tool": Tracker("tool")}), {"axis": 0, "zero": 0}
+fit = mc.identify(arm, recording, drive=[], known=False, setup=setup | {"centre": 1e-3 * stated}).trajectory.fit
 
-names = [f"centre_{axis}({body.joint})" for body in bodies[2:5] for axis in "xyz"]
-at = [fit.names.index(name) for name in names]
-value, std, true = fit.theta[at], np.sqrt(np.diag(fit.covariance)[at]), shifts.ravel()
-inside = np.abs(value - true) < 1.96 * std
-print(f"{inside.sum()} of {len(names)} intervals contain the truth, {np.sum(std < 1e-4)} known to 0.1 mm")
+at = [fit.names.index(f"centre_{axis}({body.joint})") for body in bodies[2:] for axis in "xyz"]
+value, half, true = 1e3 * fit.theta[at], 1.96e3 * np.sqrt(np.diag(fit.covariance)[at]), shifts.ravel()
+inside = np.abs(value - true) < half
+print(f"{inside.sum()} of {len(at)} intervals contain the truth, {np.sum(half < 0.196)} known to 0.1 mm")
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
-rows, factor, half = np.arange(len(names)), 1e3, 1.96 * 1e3 * stated
-panel.barh(rows, 2 * half, left=-half, height=0.6, color="0.92", label="95 % as stated")
-panel.errorbar(factor * value, rows, xerr=1.96 * factor * std, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
-panel.plot(factor * true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
-lengths = {"centre_x(elbow)": "length of the upper arm", "centre_x(wrist)": "length of the forearm"}
-panel.set_yticks(rows, [lengths.get(name, name[7:].replace("(", " of ").rstrip(")")) for name in names])
-panel.set(xlabel="displacement along an axis of the parent's frame (mm)", xlim=(-1.2 * half, 1.2 * half))
+lengths = {"x of elbow": "length of the upper arm", "x of wrist": "length of the forearm"}
+rows = [lengths.get(name := f"{axis} of {body.joint}", name) for body in bodies[2:] for axis in "xyz"]
+panel.axvspan(-1.96 * stated, 1.96 * stated, color="0.92", label="95 % as stated")
+panel.errorbar(value, rows, xerr=half, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
+panel.plot(true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
+panel.set(xlabel="displacement along an axis of the parent's frame (mm)")
 panel.invert_yaxis()
 figure.legend(loc="outside lower center", ncols=3)
 

@@ -208,31 +208,31 @@ def trajectory_estimate(
     return estimate
 
 
-def searched_axes(
-    mechanism: Mechanism, recording: Recording, base: BaseParameters, significance: float
-) -> RecoveredAxes:
+def searched_axes(mechanism: Mechanism, recording: Recording, significance: float) -> RecoveredAxes | None:
     """Joint axes as the trajectory estimate tilts them; those that may be parallel get a common direction.
 
-    Arguments and errors are those of `trajectory_estimate`, and the significance of `with_axes`.
+    Arguments are those of `trajectory_estimate`, and the significance of `with_axes`.
 
-    Raises:
-        ExcitationError: No tilt is found, also where tilts would be beyond what a set-up error can be.
+    Returns:
+        The axes; None if no tilt is found, also where tilts would be beyond what a set-up error can be.
     """
     check_revolute(mechanism.tree)
-    estimate = trajectory_estimate(mechanism, recording, base, searched=True)
+    try:
+        estimate = trajectory_estimate(mechanism, recording, structural_base_parameters(mechanism), searched=True)
+    except (ExcitationError, np.linalg.LinAlgError):
+        return None
     if estimate.trajectory is None or not any(each.kind == "axis" for each in estimate.setup):
-        raise ExcitationError("No tilt of the joint axes is found.")
+        return None
     measurement, fit = estimate.trajectory.measurement, estimate.trajectory.fit
-    tree = measurement.corrected_tree(fit.theta)
     values, vectors = np.linalg.eigh(fit.covariance)
-    root = (vectors * np.sqrt(np.maximum(values, 0))).T
     # Tests count the rows of an influence as samples.
-    root = np.vstack([root, np.zeros((max(len(recording.time) - len(root), 0), len(root)))])
+    root = np.zeros((max(len(recording.time), len(values)), len(values)))
+    root[: len(values)] = (vectors * np.sqrt(np.maximum(values, 0))).T
     alone = []
-    for direction, joint in ((tree.bodies[i].twist[3:], tree.bodies[i].joint) for i in tree.moving):
-        tilts = {axis: at for axis, at in measurement.of_kind("axis", joint).items() if axis is not None}
-        turned = np.cross(np.eye(3)[list(tilts)], direction)
-        alone.append(Direction(direction, root[:, list(tilts.values())] @ turned))
+    for body in (each for each in measurement.corrected_tree(fit.theta).bodies if each.coordinates):
+        axis, tilts = body.twist[3:], measurement.of_kind("axis", body.joint)
+        turned = np.cross([np.eye(3)[k] for k in tilts if k is not None], axis)
+        alone.append(Direction(axis, root[:, [*tilts.values()]] @ turned))
     return with_axes(mechanism.tree, alone, significance)
 
 

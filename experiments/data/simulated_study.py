@@ -160,11 +160,7 @@ class SimulatedStudy:
         axes = self.file.models[model].axes
         if axes == SEARCHED and model not in self._searched:
             recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-            base = structural_base_parameters(self.known)
-            try:
-                self._searched[model] = searched_axes(self.known, recording, base, self.significance)
-            except (ExcitationError, np.linalg.LinAlgError):
-                self._searched[model] = None
+            self._searched[model] = searched_axes(self.known, recording, self.significance)
         return self.recovered if axes == "recovered" else self._searched.get(model)
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
@@ -313,15 +309,16 @@ def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, f
     """
     tree, out = study.known.tree, dict[str, dict[str, float | None]]()
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    estimated = {model: axes.separate for model in models if (axes := study.estimated_axes(model))}
     for j, i in enumerate(tree.moving):
         drawn, true = (home[i] @ each.bodies[i].twist[3:] for each in (tree, study.problem.true))
-        rows: dict[int, dict[str, float | None]] = {k: {"true_deg": _tilt(drawn, true)[k]} for k in across(drawn)}
-        for model, axis in ((model, axes.separate[j]) for model in models if (axes := study.estimated_axes(model))):
-            std = np.degrees(np.linalg.norm(np.cross(drawn, axis.influence), axis=0))
-            for k, row in rows.items():
-                tilt, std_k = (_tilt(drawn, axis.vector)[k], float(std[k])) if std[k] > ROUNDING else (None, None)
-                row |= {f"tilt_{model}_deg": tilt, f"std_{model}_deg": std_k}
-        out |= {f"{tree.bodies[i].joint} about {'xyz'[k]}": row for k, row in rows.items()}
+        for k in across(drawn):
+            row = out[f"{tree.bodies[i].joint} about {'xyz'[k]}"] = {"true_deg": _tilt(drawn, true)[k]}
+            for model, axis in ((model, axes[j]) for model, axes in estimated.items()):
+                std = float(np.degrees(np.linalg.norm(np.cross(drawn, axis.influence)[:, k])))
+                shown = std > ROUNDING
+                row[f"tilt_{model}_deg"] = _tilt(drawn, axis.vector)[k] if shown else None
+                row[f"std_{model}_deg"] = std if shown else None
     return out
 
 

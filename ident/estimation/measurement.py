@@ -124,32 +124,24 @@ class Measurement(ChannelParameters):
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
-        if not self.is_displaced(theta):
-            return self._derivatives(self._recorder._gradients_program, (states, wrenches, theta), columns)
-        rank, unseen = self.equations.parameters.rank, len(theta) + np.arange(len(self._unseen[0]))
-        inputs = states, wrenches, theta
-        values, by_states, by = self._derivatives(self._recorder._displaced_program, inputs, np.append(columns, unseen))
-        by_theta, by_unseen = np.split(by, [len(columns)], axis=1)
-        of_bodies = columns < rank
-        by_theta[:, of_bodies] += self._unseen[1][:, columns[of_bodies]].T @ by_unseen
-        return values, by_states, by_theta
-
-    def _derivatives(
-        self, recorded: tuple[Program, np.ndarray], inputs: tuple[np.ndarray, ...], columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `derivatives`, by entries of θ and of `unseen` after it."""
-        n, channels = self.coordinates, self.width
-        program, nonzero = recorded
-        number, every = 3 * n + len(columns), np.arange(channels)
-        position = np.zeros(nonzero.shape, int)
+        n, channels, displaced = self.coordinates, self.width, self.is_displaced(theta)
+        program, nonzero = self._recorder._displaced_program if displaced else self._recorder._gradients_program
+        # Those by `unseen` are after those by θ, if they count at all.
+        by = np.r_[: 3 * n, 3 * n + columns, 3 * n + len(theta) : nonzero.shape[1]]
+        every, position = np.arange(channels), np.zeros(nonzero.shape, int)
         position[nonzero] = np.arange(channels, channels + nonzero.sum())
-        wanted = position[:, np.append(np.arange(3 * n), 3 * n + columns)].ravel()
+        wanted = position[:, by].ravel()
         place = np.flatnonzero(wanted)
         # Results that are identically zero are neither computed nor copied.
         wanted, place = np.append(every, wanted[place]), np.append(every, channels + place)
-        out = self._run(program, inputs, wanted, place, channels * (1 + number))
-        by = out[channels:].reshape(channels, number, -1)
-        return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
+        out = self._run(program, (states, wrenches, theta), wanted, place, channels * (1 + len(by)))
+        by_states, by_theta, by_unseen = np.split(
+            out[channels:].reshape(channels, len(by), -1), [3 * n, 3 * n + len(columns)], axis=1
+        )
+        if displaced:
+            of_bodies = columns < self.equations.parameters.rank
+            by_theta[:, of_bodies] += self._unseen[1][:, columns[of_bodies]].T @ by_unseen
+        return out[:channels], by_states.reshape(channels, 3, n, -1), by_theta
 
     def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""

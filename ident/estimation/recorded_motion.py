@@ -7,7 +7,7 @@ F is the frame of the tracker, M that of the markers on the body, and r any meas
 between the measured and the predicted one matters.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -23,7 +23,6 @@ from ident.mechanism.tree import Tree
 from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
-from ident.recordings.stated import tracked_bodies
 from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -35,9 +34,9 @@ USUAL = 0.1
 WIDTH, REFERENCES = 6, 12
 """Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
 
-ALIGNED, COARSE = 100, 100
+ALIGNED, EXACT = 100, 1e-12
 """Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
-number of evaluations from each turn by right angles, enough to tell the best."""
+tolerance of the fit."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -194,33 +193,29 @@ def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collectio
         resting: Names of the joints that rest.
     """
     tree = mechanism.tree
-    bodies = tracked_bodies(tree)
+    bodies = [tree.names[i] for i in sorted(tree.moved)]
     for name, tracker in recording.trackers.items():
         if tracker.body not in bodies:
             raise InputError(
-                f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; got '{tracker.body}'."
+                f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; poses of the base "
+                f"belong under [base] of the columns file. Got '{tracker.body}'."
             )
-        shapes = {f"{name}_{kind}": width for kind, width in (("position", 3), ("orientation", 4))}
-        for channel, width in shapes.items():
-            shape = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
-            if shape != (width,):
-                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {width}), got {shape}.")
-        norm = np.linalg.norm(recording.as_measured(f"{name}_orientation").values, axis=1)
+        shapes = {f"{name}_position": (3,), f"{name}_orientation": (4,)}
+        for channel, shape in shapes.items():
+            given = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
+            if given != shape:
+                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {shape[0]}), got {given}.")
+        x, (position, orientation) = _of_tracked(recording, name).values, shapes
+        norm, whole = np.linalg.norm(x[:, 3:], axis=1), x[np.isfinite(x).all(axis=1)]
         if (wrong := np.abs(norm - 1) > UNIT).any():
             at = int(wrong.argmax())
-            raise InputError(f"'{name}_orientation' needs quaternions of norm 1; sample {at} has {norm[at]:.3g}.")
-        x = _of_tracked(recording, name).values
-        whole = x[np.isfinite(x).all(axis=1)]
-        if len(whole) < LEAST_SAMPLES:
-            raise InputError(
-                f"The tracked body '{name}' needs at least {LEAST_SAMPLES} poses, samples that have both "
-                f"{name}_position and {name}_orientation, got {len(whole)}."
-            )
+            raise InputError(f"'{orientation}' needs quaternions of norm 1; sample {at} has {norm[at]:.3g}.")
         moving = {tree.bodies[k].joint for k in tree.chain(tree.names.index(tracker.body)) if tree.bodies[k].moves}
-        if not np.ptp(whole, axis=0).any() and moving - {*resting}:
+        number = len(np.unique(whole, axis=0)) if moving - {*resting} else len(whole)
+        if number < LEAST_SAMPLES:
             raise InputError(
-                f"The poses of the tracked body '{name}', {name}_position and {name}_orientation, never change, but "
-                f"joints move '{tracker.body}'. Check the columns, or leave the poses out."
+                f"The tracked body '{name}' needs at least {LEAST_SAMPLES} poses, samples that have both {position} "
+                f"and {orientation}, and different ones where joints move '{tracker.body}'; got {number}."
             )
 
 
@@ -249,7 +244,8 @@ def reading(T: np.ndarray, references: np.ndarray) -> list:
 def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[str, Tracked]:
     """Tracked bodies of a recording, with unknown frames aligned by the model's poses along a motion.
 
-    They minimise `Σ ‖F⁻¹ T_body M - T_measured‖²`, from the best of the tracker's 24 turns by right angles.
+    They minimise `Σ ‖F⁻¹ T_body M - T_measured‖²`, from the best of the tracker's 24 turns by right angles. The best M
+    for an F is the mean of `T_body⁻¹ F T_measured`.
     """
     # Few recordings have poses, and the import takes long.
     from scipy.optimize import least_squares
@@ -262,30 +258,22 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
         kept = kept[:: max(1, len(kept) // ALIGNED)]
         pairs.append((poses[kept, tree.names.index(tracker.body)], recording.poses(name)[kept]))
 
-    def frames(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Poses of tracker and markers for each body, from rotation vectors and positions of those not stated."""
-        own = pose(Rotation.from_rotvec(x.reshape(-1, 6)[:, :3]).as_matrix(), x.reshape(-1, 6)[:, 3:])
-        return [
-            (own[0] if each.frame is None else each.frame, markers if each.markers is None else each.markers)
-            for each, markers in zip(trackers.values(), own[1:], strict=True)
-        ]
+    def frames(x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Poses of tracker and markers of each body, from a rotation vector and a position of the tracker."""
+        own = pose(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:])
+        for each, (T, measured) in zip(trackers.values(), pairs, strict=True):
+            F = own if each.frame is None else each.frame
+            M = inverse(T) @ F @ measured
+            mean = pose(Rotation.from_matrix(M[:, :3, :3]).mean().as_matrix(), M[:, :3, 3].mean(axis=0))
+            yield F, mean if each.markers is None else each.markers
 
     def errors(x: np.ndarray) -> np.ndarray:
         each = zip(frames(x), pairs, strict=True)
         return np.concatenate([(inverse(F) @ T @ M - measured)[:, :3].ravel() for (F, M), (T, measured) in each])
 
-    def begun(turn: Rotation) -> np.ndarray:
-        """Rotations of the markers for one of the tracker, as `errors` takes them."""
-        x = np.zeros((1 + len(pairs), 6))
-        x[0, :3] = turn.as_rotvec()
-        for k, ((F, _), (T, measured)) in enumerate(zip(frames(x), pairs, strict=True), 1):
-            seen = T[:, :3, :3].swapaxes(1, 2) @ F[:3, :3] @ measured[:, :3, :3]
-            x[k, :3] = Rotation.from_matrix(seen).mean().as_rotvec()
-        return x.ravel()
-
-    starts = (begun(turn) for turn in Rotation.create_group("O"))
-    best = min((least_squares(errors, x, method="lm", max_nfev=COARSE) for x in starts), key=lambda fit: fit.cost)
-    solved = frames(least_squares(errors, best.x, method="lm").x)
+    starts = (np.append(turn.as_rotvec(), np.zeros(3)) for turn in Rotation.create_group("O"))
+    fits = [least_squares(errors, x, method="lm", xtol=EXACT, ftol=EXACT, gtol=EXACT) for x in starts]
+    solved = frames(min(fits, key=lambda fit: fit.cost).x)
     return {
         name: Tracked(tree.names.index(each.body), F, M, TRACKER if each.frame is None else "a stated frame")
         for (name, each), (F, M) in zip(trackers.items(), solved, strict=True)

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +35,8 @@ class SetupParameter:
         log: Number of the log that has it separately, counted from 1; None if it is that of the first or of all.
         place: Names of the wrenches, channels or joints that it belongs to, by `wrenches`, `channels` and `joints`.
         link: Joint at the other end of a link along the axis; with a minus if the axis points towards it.
-        calibrated: True if poses of a tracked body show it, so that it is estimated without a search.
-        constant: True if it is of a frame that nobody knows, which is always estimated and no error.
+        estimated: True if it is estimated without a search, as what poses of a tracked body show.
+        constant: True if it is of a frame that nobody knows, so that it is no error.
         together: Its share in errors that change several parameters together, by their description.
     """
 
@@ -48,7 +47,7 @@ class SetupParameter:
     log: int | None = None
     place: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     link: str = ""
-    calibrated: bool = False
+    estimated: bool = False
     constant: bool = False
     together: Mapping[str, float] = field(default_factory=dict, hash=False)
 
@@ -64,11 +63,6 @@ class SetupParameter:
         name = f"{name}({self.of})" if self.of else name
         return name if self.log is None else name_in_log(name, self.log)
 
-    @property
-    def estimated(self) -> bool:
-        """True if it is estimated without a search."""
-        return self.row.stated or self.constant or self.calibrated
-
     def text(self, template: str, **values: str) -> str:
         """A template of its row, with its object, its axis and other values."""
         axis = "" if self.axis is None else "xyz"[self.axis]
@@ -83,28 +77,6 @@ class SetupParameter:
 def name_in_log(name: str, log: int) -> str:
     """Name of a parameter that a log has separately."""
     return f"{name} of log {log}"
-
-
-class Subject(NamedTuple):
-    """Something that may differ from what is stated.
-
-    Attributes:
-        name: Its name, "" for gravity.
-        axes: Axes along which it may; by default one None, as it has none.
-        place: As for `SetupParameter`.
-        std: Standard deviation of its own, by default the kind's.
-        links: `SetupParameter.link` by axis.
-        together: `SetupParameter.together` by axis.
-        constant: Standard deviation of a constant that nobody knows, whatever is stated; zero for an error.
-    """
-
-    name: str
-    axes: Sequence[int | None] = (None,)
-    place: Mapping[str, tuple[str, ...]] = MappingProxyType({})
-    std: float | None = None
-    links: Mapping[int | None, str] = MappingProxyType({})
-    together: Mapping[int | None, Mapping[str, float]] = MappingProxyType({})
-    constant: float = 0.0
 
 
 def setup_parameters(
@@ -131,27 +103,22 @@ def setup_parameters(
     given, every = priors or {}, objects(equations, contacts, held=held, moving=moving, trackers=trackers)
     tree = equations.mechanism.tree
     carrying = {tree.bodies[i].joint for x in trackers.values() for i in tree.chain(tree.names.index(x.body))}
+    shown = {"angles": carrying, "axes": carrying, "centres": carrying, CLOCKS: {""}}
     return tuple(
-        SetupParameter(
-            *(kind, subject.name, axis, own),
-            place=subject.place,
-            link=subject.links.get(axis, ""),
-            calibrated=row.of == CLOCKS or (subject.name in carrying and row.of in OF_JOINTS),
-            constant=subject.constant > 0,
-            together=subject.together.get(axis, {}),
-        )
+        replace(each, kind=kind, std=own, estimated=row.stated or each.constant or each.of in shown.get(group, ()))
         for group in dict.fromkeys(row.of for row in SETUP.values())
-        for subject in every[group]
+        for of in dict.fromkeys(each.of for each in every[group])
         for kind, row in SETUP.items()
-        if row.of == group and (own := _deviation(kind, subject, given)) > 0
-        for axis in subject.axes
+        if row.of == group
+        for each in every[group]
+        if each.of == of and (own := _deviation(kind, each, given)) > 0
     )
 
 
-def _deviation(kind: str, subject: Subject, given: Mapping[str, float]) -> float:
+def _deviation(kind: str, each: SetupParameter, given: Mapping[str, float]) -> float:
     """Standard deviation of an error: its own if it is a constant, as stated of it or of its kind, or the usual one."""
-    usual = given.get(kind, subject.std or SETUP[kind].std)
-    return subject.constant or given.get(f"{kind}({subject.name})", usual)
+    usual = given.get(kind, each.std or SETUP[kind].std)
+    return each.std if each.constant else given.get(f"{kind}({each.of})", usual)
 
 
 def objects(
@@ -161,15 +128,16 @@ def objects(
     held: bool,
     moving: bool = False,
     trackers: Mapping[str, Tracker] = MappingProxyType({}),
-) -> dict[str, list[Subject]]:
-    """Objects of the kinds of set-up errors, by `SetupKind.of`; arguments as for `setup_parameters`.
+) -> dict[str, list[SetupParameter]]:
+    """What may differ from what is stated, along each of its axes; arguments as for `setup_parameters`.
 
     Returns:
-        `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
-        `frames` of the wrenches, and unknown ones of trackers and markers; `channels`, and those of the contacts;
-        `scales` of torques that are stated not to be exact, whose channels have no gain besides; `gravity`, about the
-        axes across it; `angles` of the hinges, and their `axes`, about those across; `centres` of the joints;
-        `tracker_clocks`, one for all tracked bodies.
+        Parameters without a kind, with a standard deviation if it is not the kind's, by `SetupKind.of`: `clocks` of the
+        wrenches, one for all that share it; `commands` of servos, if there are no other channels; `frames` of the
+        wrenches, and unknown ones of trackers and markers; `channels`, and those of the contacts; `scales` of torques
+        that are stated not to be exact, whose channels have no gain besides; `gravity`, about the axes across it;
+        `angles` of the hinges, and their `axes`, about those across; `centres` of the joints; `tracker_clocks`, one for
+        all tracked bodies.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
@@ -182,29 +150,32 @@ def objects(
     hinges = [i for i, body in enumerate(tree.bodies) if body.coordinates and body.turns]
     # A tilted axis would open its loop.
     loops = tree.closure.part.names if tree.closure else ()
-    gained = [name for name in channels if name not in (*commanded, *scales)]
     return {
-        "clocks": [Subject(TOGETHER.join(together), place={"wrenches": together})] if together else [],
-        "commands": [Subject("")] if len(commanded) == len(equations.channels) > 0 else [],
-        "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)]
-        + [Subject(name, range(3), constant=UNKNOWN) for name in unknown],
-        "channels": [Subject(name, place={"channels": (name,)}) for name in gained]
-        + [Subject(f"{name} {x}", place={"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
-        "scales": [Subject(name, place={"channels": (name,)}, std=std) for name, std in scales.items()],
-        "gravity": [Subject("", across(gravity))] if np.any(gravity) else [],
-        "angles": [Subject(name := tree.bodies[i].joint, place={"joints": (name,)}) for i in hinges],
-        "axes": [_axis(tree, i) for i in hinges if tree.names[i] not in loops],
-        "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
-        CLOCKS: [Subject("")] if trackers else [],
+        "clocks": [_parameter(TOGETHER.join(together), wrenches=together)] if together else [],
+        "commands": [_parameter("")] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
+        "frames": [_parameter(name, k, wrenches=(name,)) for name in (*ground, *contacts) for k in range(3)]
+        + [_parameter(name, k, UNKNOWN, constant=True) for name in unknown for k in range(3)],
+        "channels": [_parameter(name, channels=(name,)) for name in channels if name not in (*commanded, *scales)]
+        + [_parameter(f"{name} {x}", wrenches=(name,)) for name in contacts for x in COMPONENTS],
+        "scales": [_parameter(name, None, std, channels=(name,)) for name, std in scales.items()],
+        "gravity": [_parameter("", k) for k in across(gravity)] if np.any(gravity) else [],
+        "angles": [_parameter(name, joints=(name,)) for name in (tree.bodies[i].joint for i in hinges)],
+        "axes": [each for i in hinges if tree.names[i] not in loops for each in _axes(tree, i)],
+        "centres": _centres(equations, loops, felt=wrench or moving or bool(trackers), moving=moving),
+        CLOCKS: [_parameter("")] if trackers else [],
     }
+
+
+def _parameter(
+    of: str, axis: int | None = None, std: float = 0.0, *, constant: bool = False, **place: tuple[str, ...]
+) -> SetupParameter:
+    """Parameter without a kind, with a place by keyword."""
+    return SetupParameter("", of, axis, std, place=place, constant=constant)
 
 
 ALONG = 0.97
 """Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
 link."""
-
-OF_JOINTS = ("angles", "axes", "centres")
-"""Objects of the kinds of errors that displace or turn bodies."""
 
 CLOCKS = "tracker_clocks"
 """Objects of a delay of poses, which any motion shows."""
@@ -216,59 +187,62 @@ TRACKER, MARKERS = "the tracker", "markers of '{}'"
 """Names of the frames of a tracker and of the markers of a tracked body."""
 
 
-def _axis(tree: Tree, i: int) -> Subject:
-    """Axis of a hinge, which may tilt about the coordinate axes across it: a common turn of all axes, too.
+def _axes(tree: Tree, i: int) -> list[SetupParameter]:
+    """Tilts of a hinge's axis about the coordinate axes across it, and their shares in a common turn of all axes.
 
     A turn t of the axis w about an axis of the base frame, in the home posture, is one by the tilts t - w t_c / w_c,
     where c is the coordinate axis about which there is no tilt.
     """
-    body = tree.bodies[i]
-    axes, w = across(body.twist[3:]), body.twist[3:]
-    t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*axes}
-    tilts = t - np.outer(w / w[c], t[c])
-    together: dict[int | None, Mapping[str, float]] = {
-        k: {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > ROUNDING} for k in axes
-    }
-    return Subject(body.joint, axes, {"joints": (body.joint,)}, together=together)
+    joint, w = tree.bodies[i].joint, tree.bodies[i].twist[3:]
+    t, (c,) = _home(tree, i)[:3, :3].T, {0, 1, 2} - {*across(w)}
+    tilts, out = t - np.outer(w / w[c], t[c]), list[SetupParameter]()
+    for k in across(w):
+        shares = {x: float(tilt) for x, tilt in zip("xyz", tilts[k], strict=True) if abs(tilt) > ROUNDING}
+        out.append(replace(_parameter(joint, k, joints=(joint,)), together=shares))
+    return out
 
 
-def _home(tree: Tree, i: int, first: int = 0) -> np.ndarray:
-    """Pose of body i in the home posture, in the base frame or in that which carries the body `first` (4, 4)."""
-    return reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(i) if k >= first))
+def _home(tree: Tree, i: int) -> np.ndarray:
+    """Pose of a body in the base frame, in the home posture (4, 4)."""
+    return reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(i)), np.eye(4))
 
 
-def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracked: bool) -> list[Subject]:
-    """Joints that may be displaced in the frames of the bodies that carry them, compound ones as a whole.
+def _centres(equations: Equations, loops: Sequence[str], *, felt: bool, moving: bool) -> list[SetupParameter]:
+    """Displacements of joints in the frames of the bodies that carry them, of compound ones as a whole.
 
     Left out is what changes nothing: in torques alone, a shift along the axis about which all before the joint turns;
     and the place of a mechanism's only joint on its base, which is that of the sensors.
+
+    Args:
+        equations: Equations to fit.
+        loops: Names of the bodies in loops.
+        felt: True if more than torques is measured.
+        moving: True if the base moves.
     """
-    tree, wrench = equations.mechanism.tree, len(equations.channels) > len(equations.torques)
-    felt = moving or tracked or wrench
-
-    def rests(parent: int) -> bool:
-        return parent == BASE or not (moving or any(tree.bodies[i].moves for i in tree.chain(parent)))
-
+    tree, std, out = equations.mechanism.tree, equations.mechanism.centre_std or 0.0, list[SetupParameter]()
     firsts = {joint: tree.first_link(members[0]) for joint, members in tree.compounds.items()}
     names = {first: joint for joint, first in firsts.items()}
-    on_base, out = [joint for joint, first in firsts.items() if rests(tree.bodies[first].parent)], []
+    parents = {joint: tree.bodies[first].parent for joint, first in firsts.items()}
+    on_base = [joint for joint, i in parents.items() if i == BASE or not (moving or i in tree.moved)]
     for joint, members in tree.compounds.items():
-        first, parent = firsts[joint], tree.bodies[firsts[joint]].parent
+        parent = parents[joint]
         if on_base == [joint] or {tree.bodies[i].name for i in members} & {*loops}:
             continue
-        turns, R = np.zeros((3, 0)), np.eye(3)
-        for i in reversed(tree.chain(parent)):
-            turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
-        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > ROUNDING).any()]
-        other = "" if parent == BASE else names.get(tree.first_link(parent), "")
-        links, lengths = dict[int | None, str](), dict[int | None, Mapping[str, float]]()
+        R, before = _home(tree, parent)[:3, :3], tree.chain(parent)
+        turns = [R.T @ _home(tree, i)[:3, :3] @ tree.bodies[i].motions[3:] for i in before]
+        across_axis = np.abs(np.hstack([np.zeros((3, 0)), *turns])) > ROUNDING
+        axes = [k for k in range(3) if felt or np.delete(across_axis, k, axis=0).any()]
+        other, link = "" if parent == BASE else names.get(tree.first_link(parent), ""), np.zeros(3)
         if other:
-            link = _home(tree, members[0], first) @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent])
+            end, start = (_home(tree, i) @ _centre(tree.bodies[i]) for i in (members[0], parent))
+            link = R.T @ (end - start)[:3]
             link /= max(np.linalg.norm(link), ROUNDING)
-            links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG}
-            ends = " to ".join(without_side(name) for name in (other, joint))
-            lengths = {k: {ends: float(link[k])} for k in links or axes}
-        out.append(Subject(joint, axes, {"joints": (joint,)}, equations.mechanism.centre_std, links, lengths))
+        along = [k for k in axes if abs(link[k]) > ALONG]
+        ends = " to ".join(without_side(name) for name in (other, joint))
+        for k in axes:
+            named = "-" * bool(link[k] < 0) + other if k in along else ""
+            shares = {ends: float(link[k])} if other and k in (along or axes) else {}
+            out.append(replace(_parameter(joint, k, std, joints=(joint,)), link=named, together=shares))
     return out
 
 

@@ -143,9 +143,9 @@ def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
     for name, tracked in joint.measurement.tracked.items():
         own, first = range(first, first + WIDTH), first + WIDTH
         noise, floor = fit.channel_noise[own], np.maximum(fast_noise(joint, own), fit.noises[0].floor_channels[own])
-        position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
-        times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
-        values = {"name": name, "position": position, "orientation": orientation, "times": times}
+        sizes, times = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist(), float(np.max(noise / floor))
+        values = {"name": name, "position": sizes[0], "orientation": sizes[1], "times": times}
+        place = Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
         yield Finding.of("tracked_poses", place, times > FAR_ABOVE, **values)
 
 

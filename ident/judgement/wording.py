@@ -193,17 +193,6 @@ def steps_in_words(steps: Sequence[Mapping[str, Any]]) -> str:
     return listed(each, "columns")
 
 
-def pose_noise(position: float, orientation: float, times: float, **_: Any) -> str:
-    """Noise of tracked poses, with advice if it is far above the fast one."""
-    noise = f"{1e3 * position:.2g} mm and {degrees(orientation):.2g}°"
-    if times <= FAR_ABOVE:
-        return noise
-    return (
-        f"{noise}, up to {times:.0f} times what they have from sample to sample. Check the body, the units and order "
-        "of columns, and whether the tracker is late by another time in each log (--own tracker_delay)"
-    )
-
-
 def stuck_values(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
     """Channels with the values at which they are stuck."""
     each = (f"{name} ({value:g}{' in what is fitted' * (name in in_fitted)})" for name, value in channels.items())
@@ -280,7 +269,7 @@ def beyond_robots(mass: float, robot: float | None) -> str:
 
 _FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *(worse_pairs, advice, lead, ending, distances, above_fast_noise, in_each_log, causes_in_words),
-    *(lateness, delay_stated, turned, steps_in_words, pose_noise, stuck_values, what_was_unchecked),
+    *(lateness, delay_stated, turned, steps_in_words, stuck_values, what_was_unchecked),
     *(beside_model, offsets_in_words, moves, masses_in_words, limits_in_units, inertias, beyond_robots),
 )
 WORDS: Mapping[str, Callable[..., Any]] = {
@@ -289,6 +278,9 @@ WORDS: Mapping[str, Callable[..., Any]] = {
     "shares_of_samples": lambda shares: listed(
         (f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints"
     ),
+    "millimetres": lambda position, **_: 1e3 * position,
+    "turn": lambda orientation, **_: degrees(orientation),
+    "far_above": lambda times, **_: times > FAR_ABOVE,
     "less": lambda ratio, **_: 1 - ratio,
     "ends": lambda limits, unit, **_: " and ".join(f"{value:.4g} {unit}" for value in limits),
     "weigh_or_turn": lambda mass, **_: "check the signs of all channels" if mass < 0 else "weigh the mechanism",

@@ -20,12 +20,8 @@ from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.consistent_set import UNITS, maxima, traces
-from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
+from ident.parameters.nearest_bodies import ROOM, UNITS, NearestBodies, maxima, region, traces
 from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
-
-LEAST = 1e-4
-"""Least standard deviation of a prior, over the default one, which stands for what is known exactly."""
 
 STEP = 1e-3
 """Step of a central difference, over the difference from the model: φ is cubic in mass, centre and inertia."""
@@ -150,8 +146,8 @@ def _linearised(phi: np.ndarray, at: np.ndarray, known: Mapping[str, float]) -> 
         inertia.parameters_from_com(*(x + h * (own - x) for own, x in zip(model, here, strict=True)))
         for h in (STEP, -STEP)
     )
-    exact = {key: max(known[key], LEAST * KNOWN[key]) for key in KNOWN}
-    return at + (ahead - behind) / (2 * STEP), body_covariance(at, {**exact, "mass": exact["mass"] * phi[0] / at[0]})
+    relative = {key: known[key] for key in KNOWN} | {"mass": known["mass"] * phi[0] / at[0]}
+    return at + (ahead - behind) / (2 * STEP), body_covariance(at, relative)
 
 
 def _roots(covariances: np.ndarray, mass: float) -> np.ndarray:

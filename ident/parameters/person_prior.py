@@ -1,7 +1,13 @@
-"""A prior from anthropometric tables: bodies of a mechanism as segments of a person of given mass, height and sex."""
+"""A prior from anthropometric tables: bodies of a mechanism as segments of a person of given mass, height and sex.
 
+The numbers are in `anthropometry.toml`, with their sources.
+"""
+
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -9,15 +15,118 @@ from ident.annotations import Vector
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.mechanism import Mechanism
-from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
 from ident.parameters.prior import KNOWN
 from ident.setup import OF_PEOPLE
+
+_NUMBERS = tomllib.loads(Path(__file__).with_name("anthropometry.toml").read_text(encoding="utf-8"))
+
+TABLES, SEXES = ("winter", "deleva", "dumas"), ("female", "male")
+
+LANDMARKS = ("upper_trunk", "middle_trunk", "lower_trunk", "torso", "pelvis", "trunk", "head_and_trunk", "hat")
+"""Segments whose ends are not, or not necessarily, adjacent joints of a model."""
+
+_LIKE = {"forearm_and_hand": "forearm", "arm": "upper_arm", "leg": "thigh", "shank_and_foot": "shank"}
+"""Segments whose spread between persons is that of another one."""
 
 SIDES = ("right", "left", "r", "l")
 """Prefixes or suffixes of a segment's name in the name of a body, separated by `_`."""
 
 ASIDE = 0.5
 """Ratio of the masses on the second and the first child above which a body's distal end is doubtful."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment of a table.
+
+    Attributes:
+        mass: Its share of the person's mass.
+        center: Distance of the centre of mass from the proximal end, over the length.
+        across: Radius of gyration about axes across the segment through that centre, over the length.
+        along: Radius of gyration about the segment's own axis, over the length.
+        ends: Landmarks at its proximal and at its distal end.
+        length: Its length over the person's height, for segments that do not end at a joint; 0 if not published.
+    """
+
+    mass: float
+    center: float
+    across: float
+    along: float
+    ends: tuple[str, str]
+    length: float = 0.0
+
+
+@cache
+def segments(table: str, sex: str) -> dict[str, Segment]:
+    """Segments of a table by name.
+
+    Args:
+        table: One of `TABLES`.
+        sex: One of `SEXES`.
+
+    Raises:
+        InputError: There is no such table or sex.
+    """
+    for value, choices, what in ((table, TABLES, "A table of segments"), (sex, SEXES, "The sex of a table")):
+        if value not in choices:
+            raise InputError(f"{what} is one of {', '.join(choices)}, got '{value}'.")
+    return {"winter": _winter, "deleva": _deleva, "dumas": _dumas}[table](sex)
+
+
+def spread(name: str, sex: str) -> tuple[float, float]:
+    """Standard deviations of a person's segment from a table: spread between persons (Cheng) and between tables.
+
+    Returns:
+        Standard deviations of the mass over the mass, and of the centre of mass over the segment's length.
+    """
+    like = _LIKE.get(name, "trunk" if name in LANDMARKS else name)
+    mean, mass, center = _NUMBERS["between_persons"][like]
+    alike = [own[name] for own in (segments(table, sex) for table in TABLES) if name in own]
+    same_ends = [each for each in alike if each.ends == alike[0].ends and not each.length]
+    shares, centers = np.array([each.mass for each in alike]), np.array([each.center for each in same_ends])
+    between_shares = float(shares.std(ddof=1) / shares.mean()) if len(shares) > 1 else 0.0
+    between_centers = float(centers.std(ddof=1)) if len(centers) > 1 else 0.0
+    return float(np.hypot(mass / mean, between_shares)), float(np.hypot(center / 100, between_centers))
+
+
+def _deleva(sex: str) -> dict[str, Segment]:
+    out = {}
+    for name, (mass, center, sagittal, transverse, along, length) in _NUMBERS["deleva"][sex].items():
+        # A joint does not end these.
+        over_height = length / _NUMBERS["stature"][sex] if name in ("head", "hand", "trunk") else 0.0
+        out[name] = Segment(mass, center, _mean(sagittal, transverse), along, _ends_of(name), over_height)
+    return out | {"foot": replace(out["foot"], ends=("heel", "toe tip"))}
+
+
+def _winter(sex: str) -> dict[str, Segment]:
+    shape, out = segments("deleva", sex), {}
+    for name, (mass, center, across, like, length) in _NUMBERS["winter"].items():
+        along = across * shape[like].along / shape[like].across
+        out[name] = Segment(mass, center, across, along, _ends_of(name), length)
+    return out | {"hand": replace(out["hand"], length=shape["hand"].length)}
+
+
+def _dumas(sex: str) -> dict[str, Segment]:
+    out = {
+        name: Segment(mass, center, _mean(x, z), along, _ends_of(name))
+        for name, (mass, center, x, z, along) in _NUMBERS["dumas"][sex].items()
+    }
+    head = replace(out["head"], length=segments("deleva", sex)["head"].length)
+    return out | {
+        "head": head,
+        "hand": replace(out["hand"], ends=("wrist", "finger tips"), length=_NUMBERS["hand_to_tips"]),
+    }
+
+
+def _ends_of(name: str) -> tuple[str, str]:
+    """Landmarks at the ends of a segment, unless a table has its own."""
+    proximal, distal = _NUMBERS["ends"][name]
+    return proximal, distal
+
+
+def _mean(*radii: float) -> float:
+    """Radius of gyration of the mean moment of inertia."""
+    return float(np.sqrt(np.mean(np.square(radii))))
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,10 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.axes import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.tolerances import ROUNDING
 
 SMALLEST = 0.1
 """Size of a body that no model states, in a mechanism without lengths, m."""
-
-COINCIDENT = 1e-6
-"""Distance of joints that count as one compound joint, m."""
 
 DRIVE_KNOWN = 1.0
 """Relative standard deviation of the friction, rotor inertias and stiffnesses that a model states, often as a guess: a
@@ -57,7 +55,7 @@ def unstated(mechanism: Mechanism) -> np.ndarray:
     compound = {
         carriers[body.parent]
         for body in tree.bodies
-        if body.moves and body.parent >= 0 and not np.any(abs(body.home[:3, 3]) > COINCIDENT)
+        if body.moves and body.parent >= 0 and not np.any(abs(body.home[:3, 3]) > ROUNDING)
     }
     if not any(together[i] for i in moving):
         compound = set()

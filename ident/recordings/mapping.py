@@ -1,11 +1,11 @@
 """The mapping of a log's columns to quantities and units, from a TOML file."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.arguments import OF_BODIES, checked_by_joint, checked_deviations, checked_rpy
+from ident.arguments import OF_BODIES, by_joint, checked_deviations, checked_rpy
 from ident.errors import LogError, about
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
@@ -28,7 +28,7 @@ from ident.recordings.entries import (
     single,
 )
 from ident.recordings.plates import LOADS, Plate, external_loads
-from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of, tracked_bodies
+from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, LARGEST, SETUP
 
@@ -145,7 +145,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     check_keys("the mapping", entries, (*tables, "tracked"))
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
-    setup = _deviations("setup", entries, DEVIATIONS, tree.compounds)
+    setup = _deviations("setup", entries, DEVIATIONS | {f"centre({joint})": 1.0 for joint in tree.compounds})
     mapping = ColumnMapping(setup=setup, known=known, known_bodies=known_bodies)
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
     times, poses = clocks(entries), entries.get("poses", False)
@@ -185,8 +185,8 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
             mapping.plates[name] = plate
         mapping.sensors[name] = _sensor(name, entry, bodies, plate)
     for name, entry in table("tracked", entries.get("tracked", {})).items():
-        mapping.columns |= _tracked_columns(f"tracked.{name}", table(f"tracked.{name}", entry))
-        mapping.trackers[name] = _tracker(f"tracked.{name}", {"body": name, **entry}, tracked_bodies(tree))
+        mapping.trackers[name], own = _tracked(name, table(f"tracked.{name}", entry))
+        mapping.columns |= own
     if "base" in entries:
         entry = table("base", entries["base"])
         check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
@@ -236,18 +236,14 @@ def _columns_in(entry: Any) -> list[Any]:
     return [name for each in entry for name in _columns_in(each)] if isinstance(entry, list) else [entry]
 
 
-def _deviations(
-    name: str, entries: Mapping[str, Any], factors: Mapping[str, float], joints: Iterable[str] = ()
-) -> dict[str, float]:
+def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
     """Standard deviations by kind, of centres by joint, too; zero or false for what is exactly as stated."""
-    entry = table(name, entries.get(name, {}))
-    entry, single = (
-        checked_by_joint(name, entry, "centre", joints, LARGEST["centre"], LogError) if joints else (entry, {})
-    )
+    entry = by_joint(table(name, entries.get(name, {})), "centre")
     check_keys(f"[{name}]", entry, tuple(factors))
-    most = {key: LARGEST[kind] / x for key, x in factors.items() if (kind := key.removesuffix(ANGLE.suffix)) in LARGEST}
+    kinds = {key: key.partition("(")[0].removesuffix(ANGLE.suffix) for key in factors}
+    most = {key: LARGEST[kind] / factors[key] for key, kind in kinds.items() if kind in LARGEST}
     deviations = checked_deviations(name, entry, factors, LogError, most)
-    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()} | single
+    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()}
 
 
 def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
@@ -278,28 +274,21 @@ def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
     return columns
 
 
-def _tracked_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
-    """Columns of position and orientation of a tracked body."""
-    keys = ("body", "position", "unit", "quaternion", "rotation_vector", "rotation_unit", "markers", "frame")
+def _tracked(name: str, entry: Mapping[str, Any]) -> tuple[Tracker, dict[str, Columns]]:
+    """Tracked body with the frames that are stated, and its columns of position and orientation."""
+    where, length = f"tracked.{name}", factor_of(f"tracked.{name}", entry, "unit", "length")
+    keys = ("body", "position", "unit", "quaternion", "rotation_vector", "rotation_unit", *FRAMES)
     check_keys(f"[{where}]", entry, keys)
     if ("quaternion" in entry) == ("rotation_vector" in entry):
         raise LogError(f"[{where}] needs columns of either a quaternion or a rotation_vector, beside the position.")
     kind, size = ("quaternion", 4) if "quaternion" in entry else ("rotation_vector", 3)
     unit = factor_of(where, entry, "rotation_unit", "hinge position") if size == 3 else (1.0, "")
-    length = factor_of(where, entry, "unit", "length")
-    position = several(f"{where}.position", entry.get("position"), 3, *length)
-    return {f"{where}.position": position, f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit)}
-
-
-def _tracker(where: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Tracker:
-    """Frames of a tracked body, as far as they are stated."""
-    frames = {name: pose(f"{where}.{name}", table(f"{where}.{name}", entry[name])) for name in FRAMES if name in entry}
-    if entry["body"] not in bodies:
-        raise LogError(
-            f"[{where}] needs a body that joints move, one of {', '.join(bodies)}; got {short(entry['body'])}. "
-            "Poses of the base belong under [base]."
-        )
-    return Tracker(entry["body"], **frames)
+    columns = {
+        f"{where}.position": several(f"{where}.position", entry.get("position"), 3, *length),
+        f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit),
+    }
+    frames = {key: pose(f"{where}.{key}", table(f"{where}.{key}", entry[key])) for key in FRAMES if key in entry}
+    return Tracker(value_of(f"{where}.body", entry.get("body", name), str), **frames), columns
 
 
 def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:

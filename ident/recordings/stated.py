@@ -18,7 +18,6 @@ from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.recordings.entries import Row
 from ident.recordings.wrench import Sensor
 
@@ -112,11 +111,6 @@ class Tracker:
 def untracked(streams: Mapping[str, Stream]) -> dict[str, Stream]:
     """Streams without those of tracked poses: these do not limit the common times."""
     return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
-
-
-def tracked_bodies(tree: Tree) -> list[str]:
-    """Names of the bodies that joints move."""
-    return [body.name for i, body in enumerate(tree.bodies) if any(tree.bodies[k].moves for k in tree.chain(i))]
 
 
 @dataclass(frozen=True)

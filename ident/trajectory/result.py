@@ -69,7 +69,7 @@ class TrajectoryEstimate:
     def deviations(self) -> tuple[Deviation, ...]:
         """Set-up errors: those that the search found, and those that tracked poses show."""
         fit, std = self.fit, np.sqrt(np.diag(self.fit.covariance))
-        tracked = [k for k, each in self.setup.items() if each.calibrated]
+        tracked = [k for k, x in self.setup.items() if x.estimated and not (x.constant or x.row.stated)]
         z = -float(special.ndtri(SIGNIFICANT / 2 / max(len(tracked), 1)))
         shown = (k for k in tracked if abs(fit.theta[k]) > max(z * std[k], NEGLIGIBLE * self.setup[k].std))
         return (*self.search.deviations, *(Deviation(k, ()) for k in shown))

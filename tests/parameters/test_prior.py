@@ -15,9 +15,8 @@ from ident.geometry.inertia import com_from_parameters, parameter_transform, par
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.parameters.anthropometry import SEXES, TABLES, segments
 from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
-from ident.parameters.person_prior import Person, Placed, with_person
+from ident.parameters.person_prior import SEXES, TABLES, Person, Placed, segments, with_person
 from ident.parameters.prior import (
     DRIVE_KNOWN,
     KNOWN,

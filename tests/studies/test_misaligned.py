@@ -83,8 +83,8 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 
 @pytest.mark.usefixtures("undrawn")
 def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
-    for estimate in ("trajectory_fit", "searched_axes"):
-        monkeypatch.setattr(f"experiments.data.simulated_study.{estimate}", undetermined)
+    for estimate in ("simulated_study.trajectory_fit", "fitting.trajectory_estimate"):
+        monkeypatch.setattr(f"experiments.data.{estimate}", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = rows_of(tmp_path / "table_3.csv")
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0

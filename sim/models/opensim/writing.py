@@ -68,8 +68,7 @@ def _displace(path: Path, link: Link, shift: np.ndarray) -> None:
     offsets = [each for each in link.joint.iterfind("frames/PhysicalOffsetFrame") if each.get("name") == frame]
     places = [(link.joint, "location_in_parent", "orientation_in_parent")]
     for place in (*places, *((each, "translation", "orientation") for each in offsets)):
-        element, position, _ = place
-        if (stated := element.find(position)) is not None:
+        if (stated := place[0].find(place[1])) is not None:
             own = offset(*place)
             _set(stated, own[:3, 3] + own[:3, :3] @ link.parent.pose[:3, :3].T @ shift)
             return
