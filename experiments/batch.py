@@ -5,7 +5,6 @@ import contextlib
 import errno
 import gc
 import io
-import json
 import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,8 +20,7 @@ from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch_outcomes import LogAgreement, LogOutcome
-    from experiments.runs.workers import Checkpoint, Workers
+    from experiments.data.batch_outcomes import LogOutcome
     from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
@@ -36,12 +34,17 @@ MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies every log, and writes and prints a table of all."""
-    from experiments.data.batch_outcomes import LogOutcome
+    """Identifies every log, and writes and prints a table of all.
+
+    Raises:
+        InputError: Logs failed, a worker died at the log that is named, or results are damaged or cannot be written.
+    """
+    from experiments.data.batch_outcomes import LogOutcome, agreement
+    from experiments.data.comparison import covariance_of
     from experiments.document.result_folder import check_inputs, provenance, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
-    from experiments.runs.workers import Checkpoint
+    from experiments.runs.workers import Checkpoint, DeadWorkerError
     from ident.files.atomic import alone
 
     tasks = tasks_of(args)
@@ -50,12 +53,18 @@ def run(args: argparse.Namespace) -> None:
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
-        outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin, agreed = provenance(kept.identity), agreement_of(tasks, outcomes)
-        document = batch_report.document(args.model, outcomes, agreed, arm, origin)
+        try:
+            made = options.workers_of(args).collected(outcome_in_json, tasks, kept, is_lost)
+        except DeadWorkerError as error:
+            raise InputError(f"{error.task.logs[0]}: {error}") from None
+        outcomes = [LogOutcome(**each) for each in made]
+        fitted = [(task, each.values) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
+        covariances = [covariance_of(own_model.folder(task), tuple(values)) for task, values in fitted]
+        agreed = agreement([values for _, values in fitted], covariances)
+        document = batch_report.document(args.model, outcomes, agreed, arm, provenance(kept.identity))
         write(document, out, stale=batch_report.OUTPUTS)
-    if failed := [each for each in outcomes if each.error]:
-        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")
+    if failed := [each.log for each in outcomes if each.error]:
+        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed(failed, 3)}.")
 
 
 def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
@@ -65,6 +74,9 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
+    from experiments.document.writer import PAGE
+    from experiments.reports.batch_report import OUTPUTS
+
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
@@ -74,21 +86,6 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         for log, name in zip(args.logs, unique, strict=True)
     ]
     own_model.check_different(args)
-    check_names(tasks)
-    for task in tasks:
-        own_model.folder(task)
-    return tasks
-
-
-def check_names(tasks: Sequence[argparse.Namespace]) -> None:
-    """Refuses logs whose folders would stand where files of the batch's own go.
-
-    Raises:
-        InputError: There is one.
-    """
-    from experiments.document.writer import PAGE
-    from experiments.reports.batch_report import OUTPUTS
-
     own = (*OUTPUTS, PAGE, "provenance.json", PROGRESS, f"{Path(PROGRESS).stem}_before.npz")
     for task in tasks:
         # Not all systems tell capital letters in names.
@@ -97,44 +94,12 @@ def check_names(tasks: Sequence[argparse.Namespace]) -> None:
                 f"The folder of the log '{task.logs[0]}' would be '{task.name}', but that is kept for the batch's own "
                 f"files ({', '.join(own)}); rename the log."
             )
-
-
-def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: "Workers") -> list[dict[str, Any]]:
-    """Outcomes of all logs, saved as they come in.
-
-    Raises:
-        InputError: A worker died, at the log that is named, or results cannot be written.
-    """
-    from experiments.runs.workers import DeadWorkerError
-
-    try:
-        return workers.collected(outcome_in_json, tasks, kept, is_lost)
-    except DeadWorkerError as error:
-        # Outcomes come in order: the first that is missing is the one at which the worker died.
-        done = [json.loads(text) for text in kept.done()] if kept.file.exists() else []
-        lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
-        raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
-    except (FullDiskError, OSError):
-        kept.keep()
-        raise
+        own_model.folder(task)
+    return tasks
 
 
 class FullDiskError(InputError):
     """Results of no log can be written."""
-
-
-def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[LogOutcome]") -> "LogAgreement | None":
-    """Agreement of the logs that did not fail, None for fewer than two.
-
-    Raises:
-        InputError: The results of a log are damaged.
-    """
-    from experiments.data.batch_outcomes import agreement
-    from experiments.data.comparison import covariance_of
-
-    fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
-    covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
-    return agreement([each.values for _, each in fitted], covariances)
 
 
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
@@ -150,7 +115,7 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any]) -> None:
-    """Checks that the outcomes of an earlier run are those of the first tasks.
+    """Checks that the outcomes of an earlier run are those of the tasks.
 
     Raises:
         InputError: They are damaged, or not of these tasks.
@@ -158,9 +123,9 @@ def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any])
     from experiments.data.batch_outcomes import LogOutcome
     from ident.annotations import misfit
 
-    if len(outcomes) > len(tasks):
-        raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")
     for task, given in zip(tasks, outcomes, strict=False):
+        if given is None:
+            continue
         if wrong := misfit(LogOutcome, vars(outcome := LogOutcome(**given))):
             raise InputError(f"an outcome is damaged: {wrong}")
         if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments.cli import options, own_model, running
-from experiments.runs.environment import one_thread_each
+from experiments.runs import one_thread_each
 from ident.errors import InputError
 from ident.setup import OWN
 

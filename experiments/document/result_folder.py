@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.runs.environment import held_back
+from experiments.runs import held_back
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, claimed, unwritten
 

@@ -118,7 +118,10 @@ REFUSED = [
     ("sweep multicontact --over samples 100 many", "sweep.values needs a whole number of at least 1, got many"),
     ("sweep multicontact --over samples", "needs one value or more, all different, got []"),
     ("sweep multicontact --over noise_scale 1 1.0", "all different, got [1.0, 1.0]"),
-    ("sweep multicontact --over samples 100 --resume", "--resume needs the runs of an earlier run"),
+    (
+        "sweep multicontact --over samples 100 --resume",
+        "runs in out/multicontact/samples/runs.npz, but none is done",
+    ),
     ("study absent.toml", "misaligned, multicontact, several_contacts come with this package"),
     ("human --noise 40", "below 30 degrees, got 40"),
     ("human --seconds 1", "needs a whole number of 2 to 120, got '1'"),

@@ -25,7 +25,7 @@ from experiments import identify, mechanism
 from experiments.cli import options, running
 from experiments.cli.command import COMMANDS, main
 from experiments.document.result_folder import version
-from experiments.runs.environment import THREADS
+from experiments.runs import THREADS
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
