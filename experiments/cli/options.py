@@ -1,7 +1,7 @@
 """Command-line options: tables of them, and what the commands share."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from math import inf
 from pathlib import Path
@@ -131,7 +131,7 @@ def workers_of(args: argparse.Namespace) -> "Workers":
     return Workers(args.workers, args.resume)
 
 
-def check_model(given: str, names: Sequence[str]) -> None:
+def check_model(given: str, names: Collection[str]) -> None:
     """Refuses what is neither a file nor a name of a model of this package."""
     if given not in names and not Path(given).is_file():
         choices = f"one of {', '.join(names)}, or an MJCF, URDF or OpenSim file that exists"

@@ -122,7 +122,7 @@ def test_results_of_other_sources_or_entries_are_not_resumed(changed, tmp_path, 
     monkeypatch.setattr(validation_study, "collected", lambda entries, tasks, answers, refused: answers)
 
     def answers(**options):
-        return validation_study.study([entry], files.Places((tmp_path,)), tmp_path, Workers(1, **options))
+        return validation_study.study([entry], files.Places(tmp_path), tmp_path, Workers(1, **options))
 
     assert answers() == answers(resume=True) == [REFUSED] * 3
     if changed == "code":
