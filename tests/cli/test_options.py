@@ -20,7 +20,7 @@ from stand_ins import Here
 
 import experiments
 import scenes
-from docs.tools.noise.recordings import sinusoids
+from docs.tools.noise_recordings import sinusoids
 from experiments import identify, mechanism
 from experiments.cli import options, running
 from experiments.cli.command import COMMANDS, main
