@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import identify
-from experiments.cli import options, own_model, running
+from experiments.cli import options, running
 from ident.display.brief import listed
 from ident.errors import InputError
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     tasks = tasks_of(args)
     arm = check_shared(args)
     out = options.output_of(args)
-    check_inputs([out.folder / PROGRESS], own_model.inputs(args))
+    check_inputs([out.folder / PROGRESS], options.inputs(args))
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         try:
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
             raise InputError(f"{error.task.logs[0]}: {error}") from None
         outcomes = [LogOutcome(**each) for each in made]
         fitted = [(task, each.values) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
-        covariances = [covariance_of(own_model.folder(task), tuple(values)) for task, values in fitted]
+        covariances = [covariance_of(options.folder(task), tuple(values)) for task, values in fitted]
         agreed = agreement([values for _, values in fitted], covariances)
         document = batch_report.document(args.model, outcomes, agreed, arm, provenance(kept.identity))
         write(document, out, stale=batch_report.OUTPUTS)
@@ -77,7 +77,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     from experiments.document.writer import PAGE
     from experiments.reports.batch_report import OUTPUTS
 
-    names = [own_model.log_name(log) for log in args.logs]
+    names = [options.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
@@ -85,7 +85,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         argparse.Namespace(**{**vars(args), "workers": 1, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
     ]
-    own_model.check_different(args)
+    options.check_different(args)
     own = (*OUTPUTS, PAGE, "provenance.json", PROGRESS, f"{Path(PROGRESS).stem}_before.npz")
     for task in tasks:
         # Not all systems tell capital letters in names.
@@ -94,7 +94,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
                 f"The folder of the log '{task.logs[0]}' would be '{task.name}', but that is kept for the batch's own "
                 f"files ({', '.join(own)}); rename the log."
             )
-        own_model.folder(task)
+        options.folder(task)
     return tasks
 
 
@@ -104,7 +104,7 @@ class FullDiskError(InputError):
 
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
     """True if the results of a log that did not fail are not as they were written."""
-    folder = own_model.folder(task)
+    folder = options.folder(task)
     return not outcome["error"] and not (outcome["files"] and sums_of(folder, outcome["files"]) == outcome["files"])
 
 
@@ -172,10 +172,10 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
 
     begun, name = time.process_time(), str(task.logs[0])
     try:
-        folder = own_model.folder(task)
+        folder = options.folder(task)
         with contextlib.redirect_stderr(io.StringIO()):
             result, document, out = identify.identified_from(task, folder)
-            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            written(document, out, stale=identify_report.OUTPUTS, inputs=options.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
             raise FullDiskError(f"{name}: {error}") from None
@@ -207,7 +207,7 @@ def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
     left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
     given = {key: value for key, value in options.as_text(args).items() if key not in left_out}
-    model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
+    model = _file_entry(args.model) | {"as_read": options.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]
     return {"options": given, "logs": list(map(str, args.logs)), "files": [model, *files]}
 
@@ -215,7 +215,7 @@ def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
 def _file_entry(file: Path) -> dict[str, Any]:
     """Sums of a file's contents; its name alone if it cannot be read."""
     try:
-        return own_model.file_entry(file)
+        return options.file_entry(file)
     except OSError:
         return {"file": str(file)}
 

@@ -1,15 +1,18 @@
-# # Mechanisms and what they exert
+# # Mechanisms, and what their models lack
 #
-# Poses, wrenches and parameters of mechanisms, known or simulated.
+# Poses, wrenches and parameters of mechanisms; axes, delays, places of joints and friction that recordings show.
 
+from dataclasses import replace
 from math import pi
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import multicontact as mc
-from ident.recordings.stated import model_servo
+from ident.recordings.stated import Tracker, model_servo
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.commanded import rolled_out
 
@@ -146,3 +149,130 @@ for (name, q), color in zip(followed.items(), ("0.6", "C0"), strict=True):
         panel.set_ylabel(f"{joint} (mrad)")
 panels[0].legend(ncols=2)
 panels[1].set_xlabel("time (s)")
+
+# ## Axes that are not where the model has them
+#
+# Errors of base parameters if the axes are tilted and the model's are not: one degree costs more than the noise.
+
+drawn = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+base = mc.find_base_parameters(drawn)
+angles, errors = (0, 1, 2, 3, 4, 5), {"axes along X": [], "axes as they are": []}
+for angle in angles:
+    spec = mc.scenes.load("double_pendulum", tilt_deg=angle, azimuth_deg=120)
+    recording = mc.simulate(spec, DOUBLE_PENDULUM, samples=500)
+    for name, model in zip(errors, (drawn, mc.mechanism(spec, base="base")), strict=True):
+        equations = mc.Equations(model, mc.find_base_parameters(model, kept=base.names))
+        fit = mc.least_squares(equations, recording)
+        errors[name].append(np.abs(fit.psi - fit.parameters.regroup(drawn.known)))
+print(f"at 5°, axes along X: largest error {errors['axes along X'][-1].max():.1f}")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Errors of 13 base parameters over the tilt of the axes")
+for (name, of_name), color in zip(errors.items(), ("C1", "C0"), strict=True):
+    panel.semilogy(angles, of_name, color=color, lw=0.6, alpha=0.7)
+    panel.semilogy(angles, np.max(of_name, axis=1), "o-", color=color, lw=2, label=f"largest, model with {name}")
+panel.set(xlabel="tilt (°)", ylabel="error (kg, kg m, kg m²)", ylim=(1e-3, 5))
+panel.legend(loc="lower right", framealpha=1)
+
+# ## A sensor that is late
+#
+# The likelihood of each delay of a force plate's clock, from a recording whose wrenches came 8 ms late;
+# all else of the set-up is exact.
+
+LATE = 0.008
+pendulum = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+rng, time = np.random.default_rng(0), np.arange(0, 9, 0.01)
+equations = mc.Equations.of_wrench(pendulum)
+late = mc.base_wrench_regressor(pendulum.tree, *DOUBLE_PENDULUM.trajectory(time - LATE), gravity=pendulum.gravity)
+wrench = late @ pendulum.known + rng.normal(size=(len(time), 6)) * [1.2, 1.2, 1.2, 0.12, 0.12, 0.12]
+angles = DOUBLE_PENDULUM.trajectory(time)[0] + 2.5e-4 * rng.normal(size=(len(time), 2))
+channels = {f"{joint}_position": q for joint, q in zip(pendulum.tree.joints, angles.T, strict=True)}
+recording = mc.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
+exact = dict.fromkeys(("clock", "origin", "rotation", "gain", "gravity", "zero", "axis", "centre"), 0.0)
+(delay,) = mc.identify(pendulum, recording, offsets=False, setup=exact).setup
+print(delay.text)
+
+delays = np.linspace(0.0074, 0.0086, 121)
+motions = (mc.Motion(*DOUBLE_PENDULUM.trajectory(time - each)) for each in delays)
+fits = [mc.least_squares(equations, mc.Samples(motion, wrench)) for motion in motions]
+logarithm = -len(time) * np.array([np.log(fit.residual_norms).sum() for fit in fits])
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Likelihood of a delay")
+estimated = np.exp(-(((delays - delay.value) / delay.std) ** 2) / 2)
+panel.plot(1e3 * delays, np.exp(logarithm - logarithm.max()), color="0.5", label="angles known exactly")
+panel.plot(1e3 * delays, estimated, color="C0", label="estimate, angles with noise")
+within = np.abs(delays - delay.value) < 1.96 * delay.std
+panel.fill_between(1e3 * delays, estimated, where=within, color="C0", alpha=0.2, label="its 95 % interval")
+panel.axvline(1e3 * LATE, color="black", ls="--", lw=1, label="true")
+panel.set(xlabel="delay of the wrench (ms)", ylabel="likelihood over its maximum", ylim=(0, 1.05))
+figure.legend(loc="outside lower center", ncols=2)
+
+# ## Where joints lie
+#
+# Places of joints that are not the model's, and with one the upper arm's length, found to a tenth of a millimetre where
+# poses of the tool show them; the forearm, about which the wrist turns, does not show its length.
+
+arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
+rng, time, stated = np.random.default_rng(5), np.arange(600) / 100, 2e-3
+shifts, bodies = stated * rng.normal(size=(3, 3)), list(arm.tree.bodies)
+for k, shift in enumerate(shifts, 2):
+    home = bodies[k].home + np.pad(shift[:, None], ((0, 1), (3, 0)))
+    bodies[k] = replace(bodies[k], home=home)
+tree = replace(arm.tree, bodies=tuple(bodies))
+
+pulsation, phase = 2 * np.pi * 0.2 * np.arange(1, 6), rng.uniform(0, 6.3, (4, 5))
+waves = [np.exp(1j * (pulsation * time[:, None, None] + phase)) * (1j * pulsation) ** d for d in range(3)]
+q, dq, ddq = (0.2 * wave.real.sum(axis=2) for wave in waves)
+torques = mc.joint_torque_regressor(tree, q, dq, ddq, gravity=arm.gravity) @ arm.known
+poses = tree.poses(q)[:, -1]
+turned = Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_rotvec(2e-4 * rng.normal(size=(600, 3)))
+measured = {f"{joint}_position": q[:, k] + 1e-4 * rng.normal(size=600) for k, joint in enumerate(arm.tree.joints)}
+measured |= {f"{joint}_torque": torques[:, k] + 0.02 * rng.normal(size=600) for k, joint in enumerate(arm.tree.joints)}
+measured |= {"tool_position": poses[:, :3, 3] + 1e-4 * rng.normal(size=(600, 3))}
+measured |= {"tool_orientation": turned.as_quat(scalar_first=True)}
+recording = mc.Recording(time, measured, trackers={"tool": Tracker("tool")})
+fit = mc.identify(arm, recording, drive=[], known=False, setup={"centre": stated, "axis": 0, "zero": 0}).trajectory.fit
+
+names = [f"centre_{axis}({body.joint})" for body in bodies[2:5] for axis in "xyz"]
+at = [fit.names.index(name) for name in names]
+value, std, true = fit.theta[at], np.sqrt(np.diag(fit.covariance)[at]), shifts.ravel()
+inside = np.abs(value - true) < 1.96 * std
+print(f"{inside.sum()} of {len(names)} intervals contain the truth, {np.sum(std < 1e-4)} known to 0.1 mm")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
+rows, factor, half = np.arange(len(names)), 1e3, 1.96 * 1e3 * stated
+panel.barh(rows, 2 * half, left=-half, height=0.6, color="0.92", label="95 % as stated")
+panel.errorbar(factor * value, rows, xerr=1.96 * factor * std, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
+panel.plot(factor * true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
+lengths = {"centre_x(elbow)": "length of the upper arm", "centre_x(wrist)": "length of the forearm"}
+panel.set_yticks(rows, [lengths.get(name, name[7:].replace("(", " of ").rstrip(")")) for name in names])
+panel.set(xlabel="displacement along an axis of the parent's frame (mm)", xlim=(-1.2 * half, 1.2 * half))
+panel.invert_yaxis()
+figure.legend(loc="outside lower center", ncols=3)
+
+# ## Friction at reversals
+#
+# What the links do not explain of an elbow's torque: it jumps with the sign of the velocity, and grows with it.
+
+folder = Path(mc.scenes.__file__).parent
+arm = mc.mechanism(folder / "arm.xml", base="base")
+recording = mc.read_log(folder / "arm.csv", arm)
+estimate = mc.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+motion = estimate.prepared.samples.motion
+drive, elbow = estimate.drives["elbow"], arm.tree.joints.index("elbow")
+links = mc.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
+left = (recording["elbow_torque"] - links[:, elbow] - drive.rotor * motion.ddq[:, elbow])[estimate.part]
+speed = motion.dq[estimate.part, elbow]
+print(f"Coulomb {drive.coulomb:.2f} N m, viscous {drive.viscous:.2f} N m s")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Torque of an elbow without that of its links and rotor")
+panel.plot(speed, left, ".", color="0.6", ms=3, label="measured")
+for sign in (-1, 1):
+    line = sign * np.array([0, np.abs(speed).max()])
+    law = sign * drive.coulomb + drive.viscous * line
+    panel.plot(line, law, color="C1", lw=2, label=f"{drive.coulomb:.2f} N m + {drive.viscous:.2f} N m s" * (sign > 0))
+panel.set(xlabel="velocity (rad/s)", ylabel="torque (N m)")
+panel.legend()
