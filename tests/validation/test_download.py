@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from experiments.data.validation import Entry, Source, SourceFile
-from experiments.studies.validation import files
 from experiments.studies.validation.converters import clamped, joint_states, noisy, tensors, wrong_bodies
 from experiments.studies.validation.files import Places, address, cache, checked, convert, download, fetched
 from ident.errors import InputError
@@ -71,7 +70,6 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
     ("content", "options", "message"),
     [
         (CONTENT + b"!", {}, f"the registry expects {SHA256}"),
-        (CONTENT, {"largest": 1000}, "larger than the largest size"),
         (CONTENT[:1000], {"whole": len(CONTENT)}, "after 1000 of 768000"),
         *(
             (CONTENT, {"status": 302, "location": location}, "cannot be downloaded")
@@ -79,8 +77,7 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
         ),
     ],
 )
-def test_what_is_wrong_leaves_nothing_but_the_earlier_file(tmp_path, monkeypatch, content, options, message):
-    monkeypatch.setattr(files, "LARGEST", options.pop("largest", files.LARGEST))
+def test_what_is_wrong_leaves_nothing_but_the_earlier_file(tmp_path, content, options, message):
     (tmp_path / "a.csv").write_bytes(b"earlier")
     with server(content, **options) as (url, _), pytest.raises(InputError, match=message):
         download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)

@@ -6,12 +6,12 @@ import pickle
 import sqlite3
 import struct
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http.client import HTTPException
 from importlib.resources import files
 from pathlib import Path
+from shutil import copyfileobj
 from typing import IO
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote
@@ -23,16 +23,10 @@ from experiments.studies.validation.converters import CONVERTERS
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.atomic import replacing, unwritten
-from ident.files.limits import PIECE, made, reason, toml
+from ident.files.limits import made, reason, toml
 
 HOST = "https://raw.githubusercontent.com"
 """Server of the files of repositories."""
-
-DEADLINE = 1800.0
-"""Time for a whole file, s: one of 30 MB at 20 kB/s; a server that sends byte by byte is left then."""
-
-LARGEST = 1 << 30
-"""Largest file that is downloaded, bytes; those of the registry have a few MB."""
 
 MAY_COPY = ("BSD-2-Clause", "BSD-3-Clause", "MIT", "Apache-2.0", "CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "MPL-2.0")
 """Licences that let anybody copy."""
@@ -268,17 +262,11 @@ def _receive(url: str, file: IO[bytes]) -> None:
     Raises:
         InputError: It does not send all of it; the sentence says why.
     """
-    done, end = 0, time.monotonic() + DEADLINE
     try:
         with urlopen(url, timeout=30) as response:
-            while piece := response.read1(PIECE):
-                if time.monotonic() > end:
-                    raise TimeoutError(f"{done} bytes took more than {DEADLINE:g} s")
-                file.write(piece)
-                done += len(piece)
-                if done > LARGEST:
-                    raise InputError(f"'{url}' is larger than the largest size of {LARGEST / 1e9:.1f} GB.")
+            copyfileobj(response, file)
             if response.length:
+                done = file.tell()
                 raise ConnectionError(f"it broke off after {done} of {done + response.length} bytes")
     except HTTPError as error:
         error.close()
