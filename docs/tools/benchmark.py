@@ -29,7 +29,7 @@ from experiments.data import paper
 from experiments.data.paper import SCENE
 from experiments.document import figures
 from experiments.document.result_folder import provenance, write_json
-from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.accumulator import accumulate
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.model import compiled
@@ -66,7 +66,6 @@ class Effort:
         seconds: Shortest time of a comparison, s.
         least: Smallest number of repetitions.
         sizes: Numbers of samples.
-        streamed: Samples of a stream.
         trials: Number of Monte Carlo trials.
         samples: Samples of each trial.
         bodies: Numbers of bodies of arms.
@@ -75,13 +74,12 @@ class Effort:
     seconds: float = 0.5
     least: int = 3
     sizes: tuple[int, ...] = (1000, 10_000, 100_000)
-    streamed: int = 1_000_000
     trials: int = 100
     samples: int = paper.SAMPLES
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
 
 
-QUICK = Effort(0.01, 3, (100, 300), 5000, 2, 50, (3, 10))
+QUICK = Effort(0.01, 3, (100, 300), 2, 50, (3, 10))
 """Enough to check that everything runs."""
 
 
@@ -189,26 +187,6 @@ def of_arms(effort: Effort) -> Iterator[Row]:
         yield compared(AGAIN, CHAIN, bodies, number, PINOCCHIO_NAME, pair, effort)
 
 
-def of_pieces(effort: Effort) -> Iterator[Row]:
-    """Accumulation of pieces in memory beside the loop, which fills a matrix for one piece at a time."""
-    pendulum = double_pendulum()
-    samples, peer = pendulum.samples(effort.streamed), Pinocchio(pendulum.tree, STANDARD_GRAVITY)
-    length = 100_000
-    pieces = [samples[k : k + length] for k in range(0, effort.streamed, length)]
-    states = [peer.states(piece.motion.states, None) for piece in pieces]
-
-    def ours() -> None:
-        sums: Accumulator | None = None
-        for piece in pieces:
-            sums = accumulate(pendulum.equations, piece, start=sums)
-
-    def theirs() -> None:
-        for piece in states:
-            peer.regressor(*piece)
-
-    yield compared(ACCUMULATION, PENDULUM, 3, effort.streamed, PINOCCHIO_NAME, (ours, theirs), effort)
-
-
 def of_trials(effort: Effort) -> Iterator[Row]:
     """Monte Carlo trials with noise drawn anew, identified with the regrouping and a factor given."""
     recording, pendulum = simulate(scenes.load(SCENE), DOUBLE_PENDULUM, samples=effort.samples), double_pendulum()
@@ -250,7 +228,7 @@ def of_simulations(effort: Effort) -> Iterator[Row]:
         yield compared(task, PENDULUM, 3, effort.samples, "a bare loop", pair, effort, together)
 
 
-PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (on_mechanisms, of_arms, of_pieces, of_trials, of_simulations)
+PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (on_mechanisms, of_arms, of_trials, of_simulations)
 """Parts of the benchmark; all but the last need Pinocchio."""
 
 
@@ -299,7 +277,7 @@ def markdown(results: dict[str, Any]) -> str:
     for name, bodies, samples in sorted(ratios, key=lambda key: (order.index(key[0]), key[2])):
         cells = (ratios[name, bodies, samples].get(task, "") for task in TASKS)
         lines.append("| " + " | ".join((name, str(bodies), f"{samples:,}", *cells)) + " |")
-    empty = "- Empty: not compared; np.linalg.lstsq would take minutes there, and a stream is accumulated only."
+    empty = "- Empty: not compared; np.linalg.lstsq would take minutes there."
     head = (
         f"Measured on {results['machine']}. Times of the loop over times of ours, in brackets without compiled code, "
     )
