@@ -142,13 +142,6 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
         assert process.stderr.read() == ""
 
 
-def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model():
-    for command in ("identify", "batch", "columns", "excite", "payload", "stream"):
-        assert "--base-rpy" in COMMANDS[command].parser().format_help()
-    args = COMMANDS["identify"].parser().parse_args(["a", "b", "--base-rpy", "180", "0", "-90"])
-    assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_number_of_the_command_line_is_one_of_a_size_or_refused_in_words(command):
     for action in (each for each in COMMANDS[command].parser()._actions if each.dest != "estimator"):
