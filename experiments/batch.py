@@ -9,7 +9,6 @@ import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     out = options.output_of(args)
     check_inputs([out.folder / PROGRESS], options.inputs(args))
     with writable(out.folder), alone(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), check_outcomes)
         try:
             made = options.workers_of(args).collected(outcome_in_json, tasks, kept, is_lost)
         except DeadWorkerError as error:
@@ -114,22 +113,19 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
-def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any]) -> None:
-    """Checks that the outcomes of an earlier run are those of the tasks.
+def check_outcomes(outcomes: Sequence[Any]) -> None:
+    """Checks that outcomes of an earlier run are whole.
 
     Raises:
-        InputError: They are damaged, or not of these tasks.
+        InputError: One is damaged.
+        TypeError: One has other fields.
     """
     from experiments.data.batch_outcomes import LogOutcome
     from ident.annotations import misfit
 
-    for task, given in zip(tasks, outcomes, strict=False):
-        if given is None:
-            continue
-        if wrong := misfit(LogOutcome, vars(outcome := LogOutcome(**given))):
+    for given in (each for each in outcomes if each is not None):
+        if wrong := misfit(LogOutcome, vars(LogOutcome(**given))):
             raise InputError(f"an outcome is damaged: {wrong}")
-        if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
-            raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
 
 
 def check_shared(args: argparse.Namespace) -> "Mechanism":

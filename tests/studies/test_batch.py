@@ -139,8 +139,6 @@ DONE = LogOutcome(
         (["[]"], "must be a mapping"),
         ([json.dumps(DONE | {"more": 1})], "unexpected keyword argument 'more'"),
         ([json.dumps(DONE | {"values": [1]})], "an outcome is damaged: values needs a mapping"),
-        ([json.dumps(DONE | {"log": "run1.csv"})], "where the outcome of run0.csv belongs is one of 'run1.csv'"),
-        ([json.dumps(DONE), json.dumps(DONE | {"folder": "../run1"})], "where the outcome of run1.csv belongs"),
     ],
 )
 def test_damaged_outcomes_are_not_resumed(capsys, texts, reason):
