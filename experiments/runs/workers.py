@@ -189,8 +189,6 @@ class Workers:
         if self.resume:
             done = kept.done()[: len(tasks)]
             outcomes[: len(done)] = done
-        else:
-            kept.set_aside()
         for k, text in enumerate(outcomes):
             if text and lost(tasks[k], json.loads(text)):
                 outcomes[k] = ""
@@ -203,6 +201,8 @@ class Workers:
             worker_pool(number) as executor,
             closing(_answers(executor, together, tasks, parts, 2 * number)) as answers,
         ):
+            if not self.resume:
+                kept.set_aside()
             kept.collect(answers, outcomes)
         return [json.loads(text) for text in outcomes]
 
@@ -222,8 +222,8 @@ def _answers(
                 part = todo.popleft()
                 pending[executor.submit(work, [tasks[k] for k in part])] = part
             finished, _ = wait(pending, 0 if todo and len(pending) < ahead else None, FIRST_COMPLETED)
-            # What is done is kept before what failed ends the run.
-            for future in sorted(finished, key=lambda future: future.exception() is not None):
+            # What is done is kept before what failed ends the run; the first task at which it did is named.
+            for future in sorted(finished, key=lambda future: (future.exception() is not None, pending[future])):
                 part = pending.pop(future)
                 try:
                     yield dict(zip(part, future.result(), strict=True))
