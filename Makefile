@@ -9,7 +9,14 @@ CONSTRAINTS ?= constraints.txt
 BIN := $(VENV)/bin
 # What is used is compiled when it is first used, and kept: half of an installation's work would be to compile all the rest.
 # The package, once installed, is not built again with its extras.
+ifdef UV
+# By uv at this path, in a third of pip's time.
+ENVIRONMENT := $(UV) venv --quiet --seed --allow-existing --python $(PYTHON)
+PIP := $(UV) pip install --quiet --python $(BIN)/python -c $(CONSTRAINTS)
+else
+ENVIRONMENT := $(PYTHON) -m venv
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c $(CONSTRAINTS)
+endif
 unexport PYTHONDONTWRITEBYTECODE
 # A file's tests share what is costly to make, so they stay with one worker; `tests/conftest.py` says which come first.
 PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
@@ -66,6 +73,6 @@ $(INSTALLED)-extras: $(INSTALLED)
 $(INSTALLED): pyproject.toml ident/model/blocks.c ident/model/kernels.h $(CONSTRAINTS)
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
 		'Python 3.11 or newer is needed, $(PYTHON) is older: use make PYTHON=python3.12, say.')"
-	$(PYTHON) -m venv $(VENV)
+	$(ENVIRONMENT) $(VENV)
 	$(PIP) -e ".[test]"
 	touch $@

@@ -5,24 +5,21 @@ import contextlib
 import errno
 import gc
 import io
-import json
 import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import identify
-from experiments.cli import options, own_model, running
+from experiments.cli import options, running
 from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch_outcomes import LogAgreement, LogOutcome
-    from experiments.runs.workers import Checkpoint, Workers
+    from experiments.data.batch_outcomes import LogOutcome
     from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
@@ -36,26 +33,37 @@ MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies every log, and writes and prints a table of all."""
-    from experiments.data.batch_outcomes import LogOutcome
+    """Identifies every log, and writes and prints a table of all.
+
+    Raises:
+        InputError: Logs failed, a worker died at the log that is named, or results are damaged or cannot be written.
+    """
+    from experiments.data.batch_outcomes import LogOutcome, agreement
+    from experiments.data.comparison import covariance_of
     from experiments.document.result_folder import check_inputs, provenance, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
-    from experiments.runs.workers import Checkpoint
+    from experiments.runs.workers import Checkpoint, DeadWorkerError
     from ident.files.atomic import alone
 
     tasks = tasks_of(args)
     arm = check_shared(args)
     out = options.output_of(args)
-    check_inputs([out.folder / PROGRESS], own_model.inputs(args))
+    check_inputs([out.folder / PROGRESS], options.inputs(args))
     with writable(out.folder), alone(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
-        outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin, agreed = provenance(kept.identity), agreement_of(tasks, outcomes)
-        document = batch_report.document(args.model, outcomes, agreed, arm, origin)
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), check_outcomes)
+        try:
+            made = options.workers_of(args).collected(outcome_in_json, tasks, kept, is_lost)
+        except DeadWorkerError as error:
+            raise InputError(f"{error.task.logs[0]}: {error}") from None
+        outcomes = [LogOutcome(**each) for each in made]
+        fitted = [(task, each.values) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
+        covariances = [covariance_of(options.folder(task), tuple(values)) for task, values in fitted]
+        agreed = agreement([values for _, values in fitted], covariances)
+        document = batch_report.document(args.model, outcomes, agreed, arm, provenance(kept.identity))
         write(document, out, stale=batch_report.OUTPUTS)
-    if failed := [each for each in outcomes if each.error]:
-        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")
+    if failed := [each.log for each in outcomes if each.error]:
+        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed(failed, 3)}.")
 
 
 def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
@@ -65,7 +73,10 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
-    names = [own_model.log_name(log) for log in args.logs]
+    from experiments.document.writer import PAGE
+    from experiments.reports.batch_report import OUTPUTS
+
+    names = [options.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
@@ -73,22 +84,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         argparse.Namespace(**{**vars(args), "workers": 1, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
     ]
-    own_model.check_different(args)
-    check_names(tasks)
-    for task in tasks:
-        own_model.folder(task)
-    return tasks
-
-
-def check_names(tasks: Sequence[argparse.Namespace]) -> None:
-    """Refuses logs whose folders would stand where files of the batch's own go.
-
-    Raises:
-        InputError: There is one.
-    """
-    from experiments.document.writer import PAGE
-    from experiments.reports.batch_report import OUTPUTS
-
+    options.check_different(args)
     own = (*OUTPUTS, PAGE, "provenance.json", PROGRESS, f"{Path(PROGRESS).stem}_before.npz")
     for task in tasks:
         # Not all systems tell capital letters in names.
@@ -97,49 +93,17 @@ def check_names(tasks: Sequence[argparse.Namespace]) -> None:
                 f"The folder of the log '{task.logs[0]}' would be '{task.name}', but that is kept for the batch's own "
                 f"files ({', '.join(own)}); rename the log."
             )
-
-
-def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: "Workers") -> list[dict[str, Any]]:
-    """Outcomes of all logs, saved as they come in.
-
-    Raises:
-        InputError: A worker died, at the log that is named, or results cannot be written.
-    """
-    from experiments.runs.workers import DeadWorkerError
-
-    try:
-        return workers.collected(outcome_in_json, tasks, kept, is_lost)
-    except DeadWorkerError as error:
-        # Outcomes come in order: the first that is missing is the one at which the worker died.
-        done = [json.loads(text) for text in kept.done()] if kept.file.exists() else []
-        lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
-        raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
-    except (FullDiskError, OSError):
-        kept.keep()
-        raise
+        options.folder(task)
+    return tasks
 
 
 class FullDiskError(InputError):
     """Results of no log can be written."""
 
 
-def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[LogOutcome]") -> "LogAgreement | None":
-    """Agreement of the logs that did not fail, None for fewer than two.
-
-    Raises:
-        InputError: The results of a log are damaged.
-    """
-    from experiments.data.batch_outcomes import agreement
-    from experiments.data.comparison import covariance_of
-
-    fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
-    covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
-    return agreement([each.values for _, each in fitted], covariances)
-
-
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
     """True if the results of a log that did not fail are not as they were written."""
-    folder = own_model.folder(task)
+    folder = options.folder(task)
     return not outcome["error"] and not (outcome["files"] and sums_of(folder, outcome["files"]) == outcome["files"])
 
 
@@ -149,22 +113,19 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
-def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any]) -> None:
-    """Checks that the outcomes of an earlier run are those of the first tasks.
+def check_outcomes(outcomes: Sequence[Any]) -> None:
+    """Checks that outcomes of an earlier run are whole.
 
     Raises:
-        InputError: They are damaged, or not of these tasks.
+        InputError: One is damaged.
+        TypeError: One has other fields.
     """
     from experiments.data.batch_outcomes import LogOutcome
     from ident.annotations import misfit
 
-    if len(outcomes) > len(tasks):
-        raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")
-    for task, given in zip(tasks, outcomes, strict=False):
-        if wrong := misfit(LogOutcome, vars(outcome := LogOutcome(**given))):
+    for given in (each for each in outcomes if each is not None):
+        if wrong := misfit(LogOutcome, vars(LogOutcome(**given))):
             raise InputError(f"an outcome is damaged: {wrong}")
-        if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
-            raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
 
 
 def check_shared(args: argparse.Namespace) -> "Mechanism":
@@ -207,10 +168,10 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
 
     begun, name = time.process_time(), str(task.logs[0])
     try:
-        folder = own_model.folder(task)
+        folder = options.folder(task)
         with contextlib.redirect_stderr(io.StringIO()):
             result, document, out = identify.identified_from(task, folder)
-            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            written(document, out, stale=identify_report.OUTPUTS, inputs=options.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
             raise FullDiskError(f"{name}: {error}") from None
@@ -242,7 +203,7 @@ def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
     left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
     given = {key: value for key, value in options.as_text(args).items() if key not in left_out}
-    model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
+    model = _file_entry(args.model) | {"as_read": options.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]
     return {"options": given, "logs": list(map(str, args.logs)), "files": [model, *files]}
 
@@ -250,7 +211,7 @@ def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
 def _file_entry(file: Path) -> dict[str, Any]:
     """Sums of a file's contents; its name alone if it cannot be read."""
     try:
-        return own_model.file_entry(file)
+        return options.file_entry(file)
     except OSError:
         return {"file": str(file)}
 

@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
 
 def report(args: argparse.Namespace, out: "Output") -> "Document":
     """Runs the study that the command's options state, writes and prints its results, and returns its document."""
-    from experiments.cli.own_model import progress
+    from experiments.cli.options import progress
     from experiments.document.result_folder import provenance, writable
     from experiments.document.writer import write
     from experiments.reports import human_report

@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, own_model, running
-from experiments.runs.environment import one_thread_each
+from experiments.cli import options, running
+from experiments.runs import one_thread_each
 from ident.errors import InputError
 from ident.setup import OWN
 
@@ -38,10 +38,10 @@ def run(args: argparse.Namespace) -> None:
 
     if args.rerun:
         check_installed()
-    _, document, out = identified_from(args, own_model.folder(args))
+    _, document, out = identified_from(args, options.folder(args))
     if args.rerun and document.replay is not None:
         document = replace(document, files={**document.files, RERUN: partial(write_rerun, document.replay)})
-    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
+    write(document, out, stale=identify_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
 
 
 def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:
@@ -57,10 +57,10 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     read = reading(args)
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
-    fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
+    fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": options.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    out, origin = options.output_of(args, folder), own_model.provenance(args, result.logs)
+    out, origin = options.output_of(args, folder), options.provenance(args, result.logs)
     document = identify_report.document(
         result, args.model, args.logs, origin, following(result), geometry=args.write_geometry
     )

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, own_model, running
+from experiments.cli import options, running
 from ident.errors import InputError
 
 
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("--mass is the known mass of a load, which --loaded needs.")
     if not args.body and not (args.loaded and args.columns):
         raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file of a load.')
-    folder = own_model.folder(args)
+    folder = options.folder(args)
     robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
     logs, loaded = (
         [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in several]
@@ -40,17 +40,17 @@ def run(args: argparse.Namespace) -> None:
     body = args.body or loaded[0].loaded
     if args.flange:
         place_of(robot, body, args.flange)
-    fitting = {"body": body, "offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
+    fitting = {"body": body, "offsets": args.offsets, "holdout": args.holdout, "report": options.progress}
     payload: Payload
     if loaded:
         payload = identify_load(robot, logs, loaded, mass=args.mass, **fitting)
     else:
         payload = identify_payload(robot, logs, sensor=args.sensor, **fitting)
     report = payload_report.PayloadReport(payload, args.flange or body)
-    origin = own_model.provenance(args, payload.estimate.logs)
+    origin = options.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = options.output_of(args, folder)
-    write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
+    write(document, out, stale=payload_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
 
 
 OPTIONS: options.Options = {

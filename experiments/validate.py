@@ -8,13 +8,9 @@ Recordings are not shipped; --data names a folder that holds them, or --fetch do
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from experiments.cli import options, running
 from ident.errors import InputError
-
-if TYPE_CHECKING:
-    from experiments.studies.validation.files import Places
 
 VARIABLE = "MULTICONTACT_DATA"
 """Environment variable with a folder of recordings."""
@@ -26,35 +22,23 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers
-    from experiments.studies.validation.files import chosen, registry
+    from experiments.studies.validation.files import Places, chosen, registry
     from experiments.studies.validation.validation_study import study
 
-    entries, places = chosen(args.names, registry()), _places(args)
-    out = options.output_of(args)
-    with writable(args.out):
-        workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
-        results = study(entries, places, args.out, workers, peers=args.peers)
-    origin = provenance({"names": args.names, "peers": args.peers, "formats": args.formats})
-    write(validation_report.document(results, origin), out)
-
-
-def _places(args: argparse.Namespace) -> "Places":
-    """Folders of recordings.
-
-    Raises:
-        InputError: There are none, and nothing is to be downloaded.
-    """
-    from experiments.studies.validation import files
-
-    given = args.data or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
-    if given is None and not args.fetch:
+    data = args.data or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
+    entries = chosen(args.names, registry())
+    if data is None and not args.fetch:
         raise InputError(
             "The recordings are not shipped: --fetch downloads those whose licence lets, --data FOLDER (or "
             f"{VARIABLE}) names a folder that holds them."
         )
-    if given is not None and not given.is_dir():
-        raise InputError(f"--data (or {VARIABLE}) needs a folder that exists, got '{given}'.")
-    return files.Places((given,) if given is not None else (), fetch=args.fetch)
+    if data is not None and not data.is_dir():
+        raise InputError(f"--data (or {VARIABLE}) needs a folder that exists, got '{data}'.")
+    with writable(args.out):
+        workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
+        results = study(entries, Places(data, fetch=args.fetch), args.out, workers, peers=args.peers)
+    origin = provenance({"names": args.names, "peers": args.peers, "formats": args.formats})
+    write(validation_report.document(results, origin), options.output_of(args))
 
 
 OPTIONS: options.Options = {

@@ -1,6 +1,6 @@
 """The MJCF scenes. Only these files declare bodies, joint limits, servos, sensors and their noise levels.
 
-`arm.csv` is a log of the scene `arm` with a load of 0.5 kg on its tool, simulated by `docs.tools.drawings`.
+`arm.csv` is a log of the scene `arm` with a load of 0.5 kg on its tool, simulated by `docs.tools.noise_recordings`.
 """
 
 import re

@@ -13,7 +13,7 @@ from mechanisms import by_joint, sines
 from scipy import special
 
 import scenes
-from docs.tools.noise.recordings import sinusoids
+from docs.tools.noise_recordings import sinusoids
 from experiments import payload
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com

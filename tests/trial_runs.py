@@ -42,9 +42,9 @@ def run(source, number, tmp_path, file=simulation.FILE, analyse=ANALYSE, given=N
 
 
 def kept(tmp_path, file=simulation.FILE):
-    """Outcomes in the file of trials."""
+    """Outcomes in the file of trials; empty where there is none."""
     with np.load(tmp_path / file) as data:
-        return np.array([json.loads(text) for text in bytes(data["outcomes"]).splitlines()])
+        return [json.loads(text or "[]") for text in bytes(data["outcomes"]).splitlines()]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ from types import SimpleNamespace
 from experiments import multicontact
 from experiments.cli import running
 from experiments.document import figures
-from experiments.runs.environment import end_silently
+from experiments.runs import end_silently
 from stand_ins import use_truth
 end_silently()
 running.GRACE = 60.0

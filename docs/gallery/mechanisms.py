@@ -1,17 +1,18 @@
-# # Mechanisms and what they exert
+# # Mechanisms, and what their models lack
 #
-# Poses, wrenches and parameters of mechanisms, known or simulated.
+# Poses, wrenches and parameters of mechanisms; axes, delays, places of joints and friction that recordings show.
 
+from dataclasses import replace
 from math import pi
+from pathlib import Path
 
 import matplotlib.pyplot as plt
-import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import multicontact as mc
-from ident.recordings.stated import model_servo
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.commanded import rolled_out
+from ident.recordings.stated import Tracker
+from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
 
 # ## A held double pendulum
 #
@@ -100,49 +101,125 @@ panel.set(ylabel="base parameter", xlabel="standard parameter")
 panel.tick_params(axis="x", length=0)
 figure.colorbar(image, label="coefficient", extend="both")
 
-# ## A model that moves as the robot does
+# ## Axes that are not where the model has them
 #
-# Angles simulated with the recorded commands, less the recorded angles: by the model as it came and by the updated one.
+# Errors of base parameters if the axes are tilted and the model's are not: one degree costs more than the noise.
 
-INERTIAL = '<inertial pos=".2 0 0" mass="{3}" diaginertia=".01 .03 .03"/>'
-BODY = '<body pos="{0} 0 0"><joint name="{1}" axis="0 1 0" {2}/>' + INERTIAL
-SERVOS = '<actuator><position joint="lift" kp="120" kv="6"/><position joint="bend" kp="50" kv="2.5"/></actuator>'
+drawn = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+base = mc.find_base_parameters(drawn)
+angles, errors = (0, 1, 2, 3, 4, 5), {"axes along X": [], "axes as they are": []}
+for angle in angles:
+    spec = mc.scenes.load("double_pendulum", tilt_deg=angle, azimuth_deg=120)
+    recording = mc.simulate(spec, DOUBLE_PENDULUM, samples=500)
+    for name, model in zip(errors, (drawn, mc.mechanism(spec, base="base")), strict=True):
+        equations = mc.Equations(model, mc.find_base_parameters(model, kept=base.names))
+        fit = mc.least_squares(equations, recording)
+        errors[name].append(np.abs(fit.psi - fit.parameters.regroup(drawn.known)))
+print(f"at 5°, axes along X: largest error {errors['axes along X'][-1].max():.1f}")
 
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Errors of 13 base parameters over the tilt of the axes")
+for (name, of_name), color in zip(errors.items(), ("C1", "C0"), strict=True):
+    panel.semilogy(angles, of_name, color=color, lw=0.6, alpha=0.7)
+    panel.semilogy(angles, np.max(of_name, axis=1), "o-", color=color, lw=2, label=f"largest, model with {name}")
+panel.set(xlabel="tilt (°)", ylabel="error (kg, kg m, kg m²)", ylim=(1e-3, 5))
+panel.legend(loc="lower right", framealpha=1)
 
-def spec(lift, bend):
-    """An arm of two links, from the drive of each joint and the mass of its link."""
-    links = BODY.format(0, "lift", *lift) + BODY.format(0.4, "bend", *bend) + "</body></body>"
-    return mujoco.MjSpec.from_string(f"<mujoco><worldbody>{links}</worldbody>{SERVOS}</mujoco>")
+# ## A sensor that is late
+#
+# The likelihood of each delay of a force plate's clock, from a recording whose wrenches came 8 ms late;
+# all else of the set-up is exact.
 
+LATE = 0.008
+pendulum = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+rng, time = np.random.default_rng(0), np.arange(0, 9, 0.01)
+equations = mc.Equations.of_wrench(pendulum)
+late = mc.base_wrench_regressor(pendulum.tree, *DOUBLE_PENDULUM.trajectory(time - LATE), gravity=pendulum.gravity)
+wrench = late @ pendulum.known + rng.normal(size=(len(time), 6)) * [1.2, 1.2, 1.2, 0.12, 0.12, 0.12]
+angles = DOUBLE_PENDULUM.trajectory(time)[0] + 2.5e-4 * rng.normal(size=(len(time), 2))
+channels = {f"{joint}_position": q for joint, q in zip(pendulum.tree.joints, angles.T, strict=True)}
+recording = mc.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
+exact = dict.fromkeys(("clock", "origin", "rotation", "gain", "gravity", "zero", "axis", "centre"), 0.0)
+(delay,) = mc.identify(pendulum, recording, offsets=False, setup=exact).setup
+print(delay.text)
 
-drives = 'damping="1.2" frictionloss="1" armature=".12"', 'damping=".5" frictionloss=".4" armature=".05"'
-robot = spec((drives[0], 2.4), (drives[1], 1.5)).compile()
-robot.opt.timestep = 0.001
-data, rng, time = mujoco.MjData(robot), np.random.default_rng(1), np.arange(0, 10, 0.01)
-frequencies, phases = rng.uniform(0.2, 1.2, (2, 4)), rng.uniform(0, 6, (2, 4))
-commands = 0.2 * np.sin(2 * np.pi * frequencies * time[:, None, None] + phases).sum(axis=2)
-data.qpos[:], angles = commands[0], []
-for data.ctrl[:] in commands:
-    angles.append(data.qpos + 1e-4 * rng.normal(size=2))
-    mujoco.mj_step(robot, data, 10)
+delays = np.linspace(0.0074, 0.0086, 121)
+motions = (mc.Motion(*DOUBLE_PENDULUM.trajectory(time - each)) for each in delays)
+fits = [mc.least_squares(equations, mc.Samples(motion, wrench)) for motion in motions]
+logarithm = -len(time) * np.array([np.log(fit.residual_norms).sum() for fit in fits])
 
-guess = 'damping=".1" frictionloss=".1" armature=".01"'
-arm = mc.mechanism(spec((guess, 2), (guess, 2)))
-channels = {f"{joint}_position": q for joint, q in zip(arm.joints, np.transpose(angles), strict=True)}
-channels |= {f"{joint}_command": u for joint, u in zip(arm.joints, commands.T, strict=True)}
-servos = {joint: model_servo(arm, joint) for joint in arm.joints}
-recording = mc.Recording(time, channels, servos=servos)
-estimate = mc.identify(arm, recording)
-updated = {"phi": estimate.consistent().phi, "drives": estimate.drives_updated}
-followed = {"model as it came": rolled_out(arm, recording), "updated model": rolled_out(arm, recording, **updated)}
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Likelihood of a delay")
+estimated = np.exp(-(((delays - delay.value) / delay.std) ** 2) / 2)
+panel.plot(1e3 * delays, np.exp(logarithm - logarithm.max()), color="0.5", label="angles known exactly")
+panel.plot(1e3 * delays, estimated, color="C0", label="estimate, angles with noise")
+within = np.abs(delays - delay.value) < 1.96 * delay.std
+panel.fill_between(1e3 * delays, estimated, where=within, color="C0", alpha=0.2, label="its 95 % interval")
+panel.axvline(1e3 * LATE, color="black", ls="--", lw=1, label="true")
+panel.set(xlabel="delay of the wrench (ms)", ylabel="likelihood over its maximum", ylim=(0, 1.05))
+figure.legend(loc="outside lower center", ncols=2)
 
-figure, panels = plt.subplots(2, figsize=(6, 4), sharex=True, layout="constrained")
-figure.suptitle("Simulated less recorded joint angles")
-for (name, q), color in zip(followed.items(), ("0.6", "C0"), strict=True):
-    error = 1e3 * (q - np.array(angles))
-    print(f"{name}: {np.sqrt(np.mean(error**2)):.1f} mrad")
-    for panel, joint, values in zip(panels, arm.joints, error.T, strict=True):
-        panel.plot(time, values, color=color, label=name)
-        panel.set_ylabel(f"{joint} (mrad)")
-panels[0].legend(ncols=2)
-panels[1].set_xlabel("time (s)")
+# ## Where joints lie
+#
+# Places of joints that are not the model's, and with one the upper arm's length, found to a tenth of a millimetre where
+# poses of the tool show them; the forearm, about which the wrist turns, does not show its length.
+
+arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
+rng, time, joints, bodies, stated = np.random.default_rng(5), np.arange(600) / 100, arm.tree.joints, arm.tree.bodies, 2
+shifts = stated * rng.normal(size=(3, 3))
+homes = [body.home + 1e-3 * np.pad(x[:, None], ((0, 1), (3, 0))) for body, x in zip(bodies[2:], shifts, strict=True)]
+moved = (replace(body, home=home) for body, home in zip(bodies[2:], homes, strict=True))
+tree = replace(arm.tree, bodies=(*bodies[:2], *moved))
+
+frequency = np.tile(0.2 * np.arange(1, 6), (4, 1))
+motion = Excitation(np.zeros(4), 8 * frequency**2, frequency, rng.uniform(0, 6.3, (4, 5))).trajectory(time)
+torques = mc.joint_torque_regressor(tree, *motion, gravity=arm.gravity) @ arm.known
+poses = tree.poses(motion[0])[:, -1]
+turned = Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_rotvec(2e-4 * rng.normal(size=(600, 3)))
+measured = {f"{joint}_position": q + 1e-4 * rng.normal(size=600) for joint, q in zip(joints, motion[0].T, strict=True)}
+measured |= {f"{joint}_torque": x + 0.02 * rng.normal(size=600) for joint, x in zip(joints, torques.T, strict=True)}
+measured |= {"tool_position": poses[:, :3, 3] + 1e-4 * rng.normal(size=(600, 3))}
+measured |= {"tool_orientation": turned.as_quat(scalar_first=True)}
+recording, setup = mc.Recording(time, measured, trackers={"tool": Tracker("tool")}), {"axis": 0, "zero": 0}
+fit = mc.identify(arm, recording, drive=[], known=False, setup=setup | {"centre": 1e-3 * stated}).trajectory.fit
+
+at = [fit.names.index(f"centre_{axis}({body.joint})") for body in bodies[2:] for axis in "xyz"]
+value, half, true = 1e3 * fit.theta[at], 1.96e3 * np.sqrt(np.diag(fit.covariance)[at]), shifts.ravel()
+inside = np.abs(value - true) < half
+print(f"{inside.sum()} of {len(at)} intervals contain the truth, {np.sum(half < 0.196)} known to 0.1 mm")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Where an arm's joints lie, from torques and poses of its tool")
+lengths = {"x of elbow": "length of the upper arm", "x of wrist": "length of the forearm"}
+rows = [lengths.get(name := f"{axis} of {body.joint}", name) for body in bodies[2:] for axis in "xyz"]
+panel.axvspan(-1.96 * stated, 1.96 * stated, color="0.92", label="95 % as stated")
+panel.errorbar(value, rows, xerr=half, fmt="o", color="C0", capsize=3, label="estimate, 95 %")
+panel.plot(true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
+panel.set(xlabel="displacement along an axis of the parent's frame (mm)")
+panel.invert_yaxis()
+figure.legend(loc="outside lower center", ncols=3)
+
+# ## Friction at reversals
+#
+# What the links do not explain of an elbow's torque: it jumps with the sign of the velocity, and grows with it.
+
+folder = Path(mc.scenes.__file__).parent
+arm = mc.mechanism(folder / "arm.xml", base="base")
+recording = mc.read_log(folder / "arm.csv", arm)
+estimate = mc.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+motion = estimate.prepared.samples.motion
+drive, elbow = estimate.drives["elbow"], arm.tree.joints.index("elbow")
+links = mc.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
+left = (recording["elbow_torque"] - links[:, elbow] - drive.rotor * motion.ddq[:, elbow])[estimate.part]
+speed = motion.dq[estimate.part, elbow]
+print(f"Coulomb {drive.coulomb:.2f} N m, viscous {drive.viscous:.2f} N m s")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Torque of an elbow without that of its links and rotor")
+panel.plot(speed, left, ".", color="0.6", ms=3, label="measured")
+for sign in (-1, 1):
+    line = sign * np.array([0, np.abs(speed).max()])
+    law = sign * drive.coulomb + drive.viscous * line
+    panel.plot(line, law, color="C1", lw=2, label=f"{drive.coulomb:.2f} N m + {drive.viscous:.2f} N m s" * (sign > 0))
+panel.set(xlabel="velocity (rad/s)", ylabel="torque (N m)")
+panel.legend()

@@ -1,4 +1,4 @@
-"""Speed of regressor, identification, simulation and linearisation, as ratios to other ways in one process.
+"""Speed of regressor, identification and simulation, as ratios to other ways in one process.
 
 Ours and theirs take turns, and their medians are compared, after a check that their results are the same. All use one
 thread for linear algebra. Nothing is asserted: machines differ, and are noisy. `python -m docs.tools.benchmark` writes
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import scenes
@@ -26,6 +27,7 @@ from docs.tools import mechanisms as subjects
 from docs.tools.mechanisms import PENDULUM, PINOCCHIO_NAME, Pinocchio, Subject, double_pendulum, subject
 from experiments.data import paper
 from experiments.data.paper import SCENE
+from experiments.document import figures
 from experiments.document.result_folder import provenance, write_json
 from ident.estimation.accumulator import accumulate
 from ident.estimation.samples import Samples
@@ -64,24 +66,20 @@ class Effort:
         seconds: Shortest time of a comparison, s.
         least: Smallest number of repetitions.
         sizes: Numbers of samples.
-        streamed: Samples of a stream.
         trials: Number of Monte Carlo trials.
         samples: Samples of each trial.
         bodies: Numbers of bodies of arms.
-        linearised: Samples of a linearised recording.
     """
 
     seconds: float = 0.5
     least: int = 3
     sizes: tuple[int, ...] = (1000, 10_000, 100_000)
-    streamed: int = 1_000_000
     trials: int = 100
     samples: int = paper.SAMPLES
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
-    linearised: int = 200
 
 
-QUICK = Effort(0.01, 3, (100, 300), 5000, 2, 50, (3, 10), 50)
+QUICK = Effort(0.01, 3, (100, 300), 2, 50, (3, 10))
 """Enough to check that everything runs."""
 
 
@@ -189,26 +187,6 @@ def of_arms(effort: Effort) -> Iterator[Row]:
         yield compared(AGAIN, CHAIN, bodies, number, PINOCCHIO_NAME, pair, effort)
 
 
-def of_pieces(effort: Effort) -> Iterator[Row]:
-    """Accumulation of pieces in memory beside the loop, which fills a matrix for one piece at a time."""
-    pendulum = double_pendulum()
-    samples, peer = pendulum.samples(effort.streamed), Pinocchio(pendulum.tree, STANDARD_GRAVITY)
-    length = 100_000
-    pieces = [samples[k : k + length] for k in range(0, effort.streamed, length)]
-    states = [peer.states(piece.motion.states, None) for piece in pieces]
-
-    def ours() -> None:
-        sums = accumulate(pendulum.equations, pieces[0])
-        for piece in pieces[1:]:
-            sums += accumulate(pendulum.equations, piece, factor=sums.factor)
-
-    def theirs() -> None:
-        for piece in states:
-            peer.regressor(*piece)
-
-    yield compared(ACCUMULATION, PENDULUM, 3, effort.streamed, PINOCCHIO_NAME, (ours, theirs), effort)
-
-
 def of_trials(effort: Effort) -> Iterator[Row]:
     """Monte Carlo trials with noise drawn anew, identified with the regrouping and a factor given."""
     recording, pendulum = simulate(scenes.load(SCENE), DOUBLE_PENDULUM, samples=effort.samples), double_pendulum()
@@ -250,17 +228,8 @@ def of_simulations(effort: Effort) -> Iterator[Row]:
         yield compared(task, PENDULUM, 3, effort.samples, "a bare loop", pair, effort, together)
 
 
-def of_linearisations(effort: Effort) -> Iterator[Row]:
-    """One linearisation of a trajectory's equations, beside the same with dense matrices."""
-    pair = subjects.linearisations(effort.linearised)
-    yield compared("linearisation", "tree of torques", 30, effort.linearised, "dense matrices", pair, effort)
-
-
-PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (
-    *(on_mechanisms, of_arms, of_pieces, of_trials),
-    *(of_simulations, of_linearisations),
-)
-"""Parts of the benchmark; the first four need Pinocchio."""
+PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (on_mechanisms, of_arms, of_trials, of_simulations)
+"""Parts of the benchmark; all but the last need Pinocchio."""
 
 
 def measured(effort: Effort) -> dict[str, Any]:
@@ -270,7 +239,7 @@ def measured(effort: Effort) -> dict[str, Any]:
 
         return {"machine": machine(), "rows": [row for part in PARTS for row in tqdm(part(effort), part.__name__)]}
     print("Pinocchio is not compared with; install the extra 'peers'.")
-    return {"machine": machine(), "rows": [row for part in PARTS[4:] for row in part(effort)]}
+    return {"machine": machine(), "rows": [row for part in PARTS[-1:] for row in part(effort)]}
 
 
 def machine() -> str:
@@ -308,12 +277,34 @@ def markdown(results: dict[str, Any]) -> str:
     for name, bodies, samples in sorted(ratios, key=lambda key: (order.index(key[0]), key[2])):
         cells = (ratios[name, bodies, samples].get(task, "") for task in TASKS)
         lines.append("| " + " | ".join((name, str(bodies), f"{samples:,}", *cells)) + " |")
-    empty = "- Empty: not compared; np.linalg.lstsq would take minutes there, and a stream is accumulated only."
+    empty = "- Empty: not compared; np.linalg.lstsq would take minutes there."
     head = (
         f"Measured on {results['machine']}. Times of the loop over times of ours, in brackets without compiled code, "
     )
     tasks = [f"- *{task}*: {what}." for task, what in TASKS.items()]
     return "\n".join([f"{head}and what the loop takes a sample:", "", *lines, "", *tasks, empty, *others, ""])
+
+
+def figure(results: dict[str, Any]) -> Figure:
+    """Time a sample over the number of samples of the pendulum and over the bodies of an arm, ours and Pinocchio's."""
+    lines = (
+        (0, PENDULUM, REGRESSOR, "samples", "o-", ("$Y$, ours", "$Y$, Pinocchio's loop")),
+        (0, PENDULUM, ALL_COLUMNS, "samples", "s--", (r"$\psi$, ours", r"$\psi$, loop and lstsq")),
+        (1, CHAIN, AGAIN, "bodies", "o-", ("", "")),
+    )
+    with figures.paper_style():
+        figure = Figure()
+        panels = figure.subplots(2, 1)
+        for panel, mechanism, task, key, style, labels in lines:
+            rows = [row for row in results["rows"] if (row["mechanism"], row["task"]) == (mechanism, task)]
+            rows.sort(key=lambda row: row[key])
+            for side, color, label in zip(("ours", "theirs"), ("C0", "C1"), labels, strict=True):
+                times = [1e6 * row[side] / row["samples"] for row in rows]
+                panels[panel].loglog([row[key] for row in rows], times, style, color=color, ms=2.5, label=label or None)
+        for ax, label in zip(panels, ("Samples, double pendulum of 3 bodies", "Bodies of an arm"), strict=True):
+            ax.set(xlabel=label, ylabel="Time a sample (µs)")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> None:

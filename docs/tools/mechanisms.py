@@ -1,8 +1,8 @@
-"""Subjects of the benchmark: mechanisms, a linearisation and a loop of MuJoCo steps; and Pinocchio's regressor."""
+"""Subjects of the benchmark: mechanisms and a loop of MuJoCo steps; and Pinocchio's regressor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -11,7 +11,6 @@ import numpy as np
 import scenes
 from experiments.data.paper import SCENE
 from ident.estimation.equations import Equations
-from ident.estimation.measurement import Measurement
 from ident.estimation.samples import Samples
 from ident.files.limits import library
 from ident.geometry import se3
@@ -21,12 +20,9 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names
+from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
-from ident.trajectory.algebra.spline import Spline
-from ident.trajectory.fit.piece import Noise, Piece, Point
-from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.readings import steps_per_sample
@@ -37,9 +33,6 @@ PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 
 TILTED = f"{PENDULUM}, tilted"
 """Name of the double pendulum with tilted axes."""
-
-DRIVES = "rotor", "viscous", "coulomb"
-"""Kinds of the drives' columns."""
 
 PINOCCHIO_NAME = "Pinocchio"
 """Name in the tables."""
@@ -146,66 +139,6 @@ def _base() -> Body:
 
 def _hinged(index: int, parent: int, home: np.ndarray, axis: np.ndarray) -> Body:
     return Body(f"link{index}", parent, home, np.concatenate([np.zeros(3), axis]), f"joint{index}")
-
-
-@dataclass(frozen=True, eq=False)
-class _Dense:
-    """Measurement whose channels are taken to depend on all coordinates and parameters."""
-
-    measurement: Measurement
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.measurement, name)
-
-    def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of ones."""
-        of_states, of_theta = self.measurement.dependence(theta, columns)
-        return np.ones_like(of_states), np.ones_like(of_theta)
-
-
-def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[], Linearised]]:
-    """Linearisation of a recording with the structure of the tree, and without it."""
-    measurement = torques_of(humanoid())
-    rng = np.random.default_rng(0)
-    n, channels, p = measurement.coordinates, len(measurement.equations.channels), len(measurement.names)
-    step, per_knot = 0.01, 5
-    time = step * np.arange(samples)
-    spline = Spline.over(time[0], time[-1], step * per_knot)
-    coefficients, theta, wrenches = rng.normal(size=(spline.size, n)), rng.normal(size=p), np.zeros((samples, 2, 0))
-    noise = Noise(
-        states=np.full(n, 0.01),
-        channels=np.full(channels, 5.0),
-        jerk=np.full(n, 1e-3),
-        states_rho=np.full(n, 0.5),
-        channels_rho=np.full(channels, 0.5),
-        floor_states=np.zeros(n),
-        floor_channels=np.zeros(channels),
-    )
-    x = spline.evaluate(coefficients, time)[:3]
-    measured = measurement.values(x, wrenches, theta).T + 5 * rng.normal(size=(samples, channels))
-    piece = Piece(spline, time, x[0] + 0.01 * rng.normal(size=(samples, n)), time, measured, wrenches)
-
-    def way(predictor: Any) -> Callable[[], Linearised]:
-        root = 0.1 * np.eye(p)
-        return partial(linearised, predictor, Point(piece, coefficients, theta, noise), root=root)
-
-    return way(measurement), way(_Dense(measurement))
-
-
-def torques_of(tree: Tree) -> Measurement:
-    """Measurement of the torques of all joints of a tree on a base at rest, with drives and offsets."""
-    mechanism = Mechanism(tree, STANDARD_GRAVITY, np.random.default_rng(1).normal(size=10 * len(tree.inertial)))
-    joints = tree.freedoms
-    parameters = find_base_parameters(mechanism, sensors=Sensors(base_wrench=False, joint_torques=True))
-    equations = Equations(
-        mechanism,
-        parameters,
-        torques=tuple(range(len(joints))),
-        channels=tuple(f"torque({joint})" for joint in joints),
-        drives=drive_names(tree, DRIVES),
-        offsets=tuple(range(len(joints))),
-    )
-    return Measurement(equations, (), False, np.eye(4), (), {})
 
 
 def bare_loop(spec: mujoco.MjSpec, samples: int) -> Callable[[], None]:

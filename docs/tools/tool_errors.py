@@ -16,7 +16,7 @@ import numpy as np
 
 from experiments.cli.options import whole_number
 from experiments.studies.validation.files import registry
-from experiments.studies.validation.run import of_bodies
+from experiments.studies.validation.validation_study import of_bodies
 from ident.geometry.inertia import parameters_from_com, symmetric
 
 DETERMINED = "hammer", "clamp", "pliers"

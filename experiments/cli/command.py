@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import experiments.__main__
 from experiments.cli import running
-from experiments.runs.environment import seldom_collected
+from experiments.runs import seldom_collected
 from ident.arguments import near
 
 NAMES = (

@@ -17,7 +17,7 @@ from typing import Any
 
 import ident
 from experiments.cli import options
-from experiments.runs.environment import ENDING, GRACE, default_variables, ended_after, environment, seldom_collected
+from experiments.runs import ENDING, GRACE, default_variables, ended_after, environment, seldom_collected
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]

@@ -13,7 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from experiments.runs.environment import held_back
+from experiments.runs import held_back
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, claimed, unwritten
 

@@ -5,8 +5,9 @@ import os
 import pickle
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -20,10 +21,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments.runs.environment import THREADS, environment, held_back, seldom_collected
+from experiments.runs import THREADS, environment, held_back, seldom_collected
 from ident.display.brief import listed
 from ident.errors import InputError
-from ident.estimation.samples import in_order
 from ident.files import npz
 from ident.files.atomic import save_arrays
 from ident.files.limits import parsed_json, reason
@@ -46,7 +46,7 @@ class Checkpoint:
         what: Name of the outcomes, e.g. "trials".
         file: NPZ file with the outcomes, replaced atomically.
         identity: Settings that all outcomes of one run share, in JSON types.
-        check: Raises an `InputError` if the outcomes of an earlier run are not as they have to be.
+        check: Raises an `InputError` if outcomes of an earlier run, None where it has none, are not as they have to be.
     """
 
     what: str
@@ -55,15 +55,17 @@ class Checkpoint:
     check: Callable[[Sequence[Any]], object] | None = None
 
     def done(self) -> list[str]:
-        """Outcomes of an interrupted run, as JSON.
+        """Outcomes of an interrupted run in the order of its tasks, as JSON; empty where it has none.
 
         Raises:
-            InputError: There are none, or they belong to another run.
+            InputError: Nothing was done, or they belong to another run.
         """
+        if not self.file.exists():
+            raise InputError(f"--resume goes on with the {self.what} in {self.file}, but none is done; leave it out.")
         try:
             data = npz.arrays(self.file)
             kept, outcomes = parsed_json(str(data["identity"])), bytes(data["outcomes"]).decode().splitlines()
-            parsed = [parsed_json(text) for text in outcomes]
+            parsed = [parsed_json(text) if text else None for text in outcomes]
             wanted = json.loads(json.dumps(self.identity))
             different = [named(key, kept.get(key), wanted[key]) for key in wanted if kept.get(key) != wanted[key]]
             if self.check is not None and not different:
@@ -80,59 +82,53 @@ class Checkpoint:
     def set_aside(self) -> None:
         """Renames the file of an earlier run, if there is one."""
         if self.file.exists():
-            self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+            self.file.replace(self._before)
 
-    def keep(self) -> None:
-        """Saves that nothing is done, if nothing is saved, so that a run that a full disk has ended can be resumed.
+    @property
+    def _before(self) -> Path:
+        """File of an earlier run."""
+        return self.file.with_stem(f"{self.file.stem}_before")
 
-        Without room even for that, the file of an earlier run is put back.
-        """
-        if self.file.exists():
-            return
-        try:
-            self.save([])
-        except OSError:
-            with suppress(OSError):
-                self.file.with_stem(f"{self.file.stem}_before").replace(self.file)
-        else:
-            print(f"\nNone of the {self.what} is done; once there is room run again with --resume.", file=sys.stderr)
-
-    def collect(self, batches: Iterable[Sequence[str]], total: int, done: Sequence[str] = ()) -> list[str]:
+    def collect(self, answers: Iterable[Mapping[int, str]], outcomes: list[str]) -> None:
         """Collects outcomes and saves them every few seconds, at the end, and on any error.
 
         Args:
-            batches: Outcomes in order, a few at a time, as JSON.
-            total: Number of outcomes to reach.
-            done: The first of them, from an interrupted run; without any, an earlier run's file is set aside.
+            answers: Outcomes by the numbers of their tasks, a few at a time, as JSON.
+            outcomes: Outcomes of all tasks, where they are put; empty where they are missing.
 
         Raises:
             OSError: They could not be saved; the file has those of the last save.
         """
-        if not done:
-            self.set_aside()
-        outcomes, saved = list(done), time.monotonic()
+        before, saved = sum(map(bool, outcomes)), time.monotonic()
         try:
-            try:
-                with tqdm(desc=self.what.capitalize(), total=total, initial=len(done), file=sys.stderr) as bar:
-                    for batch in batches:
-                        outcomes.extend(batch)
-                        bar.update(len(batch))
-                        if time.monotonic() - saved > SAVE_EVERY:
-                            self.save(outcomes)
-                            saved = time.monotonic()
-            finally:
-                if len(outcomes) > len(done):
-                    self.save(outcomes)
+            with tqdm(desc=self.what.capitalize(), total=len(outcomes), initial=before, file=sys.stderr) as bar:
+                for some in answers:
+                    for k, outcome in some.items():
+                        outcomes[k] = outcome
+                    bar.update(len(some))
+                    if time.monotonic() - saved > SAVE_EVERY:
+                        self.save(outcomes)
+                        saved = time.monotonic()
+            self.save(outcomes)
         except BaseException:
-            if self.file.exists():
-                print(f"\nThe {self.what} done so far are in {self.file}; run again with --resume.", file=sys.stderr)
+            self._keep(outcomes)
             raise
-        return outcomes
+
+    def _keep(self, outcomes: Sequence[str]) -> None:
+        """Saves the outcomes of a run that ends early; if there is no room for a file, an earlier run's is put back."""
+        with suppress(OSError):
+            self.save(outcomes)
+        if self.file.exists():
+            done = f"The {self.what} done so far" if any(outcomes) else f"None of the {self.what} is done; settings"
+            print(f"\n{done} are in {self.file}; run again with --resume.", file=sys.stderr)
+        else:
+            with suppress(OSError):
+                self._before.replace(self.file)
 
     def save(self, outcomes: Sequence[str]) -> None:
         """Writes the file."""
         # As letters of four bytes each, texts of numbers would take ten times the room of these.
-        lines = np.frombuffer("\n".join(outcomes).encode(), np.uint8)
+        lines = np.frombuffer("\n".join(outcomes).rstrip("\n").encode(), np.uint8)
         save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": lines})
 
 
@@ -189,21 +185,53 @@ class Workers:
                 is gone.
             batch: Largest number of tasks of a worker at a time, of which `work` then takes and returns a list.
         """
-        done = [*kept.done()[: len(tasks)]] if self.resume else []
-        again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(outcome))]
-        left, together = list(tasks[len(done) :]), partial(_done, work, batch > 0)
+        outcomes = [""] * len(tasks)
+        if self.resume:
+            done = kept.done()[: len(tasks)]
+            outcomes[: len(done)] = done
+        for k, text in enumerate(outcomes):
+            if text and lost(tasks[k], json.loads(text)):
+                outcomes[k] = ""
+        left = [k for k, text in enumerate(outcomes) if not text]
         size = max(1, min(batch, 1 + len(left) // 16))
-        number = max(1, min(self.number, len(left) + len(again)))
-        with worker_pool(number) as executor:
-            # Two tasks for each, so that no worker waits.
-            results = partial(in_order, executor, together, ahead=2 * number)
-            with closing(results([[tasks[k]] for k in again])) as batches:
-                for k, (outcome,) in zip(again, batches, strict=True):
-                    done[k] = outcome
-            if again:
-                kept.save(done)
-            with closing(results([left[k : k + size] for k in range(0, len(left), size)])) as batches:
-                return [json.loads(text) for text in kept.collect(batches, len(tasks), done)]
+        parts = [left[k : k + size] for k in range(0, len(left), size)]
+        number, together = max(1, min(self.number, len(left))), partial(_done, work, batch > 0)
+        # Two tasks for each, so that no worker waits.
+        with (
+            worker_pool(number) as executor,
+            closing(_answers(executor, together, tasks, parts, 2 * number)) as answers,
+        ):
+            if not self.resume:
+                kept.set_aside()
+            kept.collect(answers, outcomes)
+        return [json.loads(text) for text in outcomes]
+
+
+def _answers(
+    executor: Executor, work: Callable[[Any], list[str]], tasks: Sequence[Any], parts: Iterable[list[int]], ahead: int
+) -> Generator[dict[int, str], None, None]:
+    """Yields outcomes by the numbers of their tasks as workers finish parts of these, of which few are submitted ahead.
+
+    Raises:
+        DeadWorkerError: A worker died.
+    """
+    todo, pending = deque(parts), dict[Future[list[str]], list[int]]()
+    try:
+        while todo or pending:
+            if todo:
+                part = todo.popleft()
+                pending[executor.submit(work, [tasks[k] for k in part])] = part
+            finished, _ = wait(pending, 0 if todo and len(pending) < ahead else None, FIRST_COMPLETED)
+            # What is done is kept before what failed ends the run; the first task at which it did is named.
+            for future in sorted(finished, key=lambda future: (future.exception() is not None, pending[future])):
+                part = pending.pop(future)
+                try:
+                    yield dict(zip(part, future.result(), strict=True))
+                except BrokenExecutor:
+                    raise DeadWorkerError(tasks[part[0]]) from None
+    finally:
+        for future in pending:
+            future.cancel()
 
 
 def _done(work: Callable[[Any], Any], together: bool, tasks: Sequence[Any]) -> list[str]:
@@ -212,7 +240,16 @@ def _done(work: Callable[[Any], Any], together: bool, tasks: Sequence[Any]) -> l
 
 
 class DeadWorkerError(InputError):
-    """A worker process died in the middle of a task."""
+    """A worker process died.
+
+    Attributes:
+        task: The task that it had begun; None if that is not known.
+    """
+
+    def __init__(self, task: Any = None) -> None:
+        """Error with the usual reason."""
+        super().__init__("A worker process died, perhaps for want of memory; use fewer --workers.")
+        self.task = task
 
 
 @contextmanager
@@ -234,7 +271,7 @@ def worker_pool(number: int) -> Iterator[Executor]:
         try:
             yield executor
         except BrokenExecutor:
-            raise DeadWorkerError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
+            raise DeadWorkerError from None
 
 
 class Processes(ThreadPoolExecutor):

@@ -13,8 +13,7 @@ from sympy.simplify.fu import TR8
 
 from experiments.document import tabular
 from experiments.document.typography import parameter_symbol, wrapped
-from experiments.symbols import symbolic
-from experiments.symbols.symbolic import SymbolicModel, decimals
+from experiments.symbols import SymbolicModel, decimals, derive, exact_tree, table_1, table_2, with_values
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
@@ -28,7 +27,8 @@ LINE = 54
 
 Definitions = list[tuple[sympy.Symbol, sympy.Expr]]
 
-TABLES = ("table_1", "table_2")
+TABLES = {"table_1": table_1, "table_2": table_2}
+"""Models of the paper by the names that the command takes."""
 
 DIGITS, DIGITS_OF_DECIMALS = 12, 6
 """Digits of numbers in the table, with exact coefficients and with decimal ones."""
@@ -228,7 +228,7 @@ class Derivation:
     """
 
     name: str
-    model: symbolic.SymbolicModel
+    model: SymbolicModel
     gained: Mapping[str, Sequence[str]]
 
 
@@ -236,7 +236,7 @@ def derivation(given: str, base: str | None, ignore: Sequence[str]) -> Derivatio
     """Symbolic model of a mechanism.
 
     Args:
-        given: Model file, or one of `TABLES`.
+        given: Model file, or a name of `TABLES`.
         base: Body whose frame is {0}, by default the world.
         ignore: Equality constraints and tendons to leave out.
 
@@ -248,19 +248,19 @@ def derivation(given: str, base: str | None, ignore: Sequence[str]) -> Derivatio
         arm = mechanism(given, base, ignore=ignore)
         if arm.prior is None:
             raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
-        tree, lengths = symbolic.exact_tree(arm.tree)
+        tree, lengths = exact_tree(arm.tree)
     elif base is None and not ignore:
-        tree, lengths = getattr(symbolic, given)()
+        tree, lengths = TABLES[given]()
     else:
         raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{given}'.")
-    gained = separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY))
-    return Derivation(name if name.strip(". ") else "model", symbolic.derive(tree, lengths), gained)
+    gained = separating_sensors(Mechanism(with_values(tree, lengths), STANDARD_GRAVITY))
+    return Derivation(name if name.strip(". ") else "model", derive(tree, lengths), gained)
 
 
 def table(derived: Derivation) -> tabular.Table:
     """Base parameters in symbols."""
     model, digits = derived.model, DIGITS if derived.model.exact else DIGITS_OF_DECIMALS
-    rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
+    rows = tuple((key, str(decimals(x, digits))) for key, x in model.base_expressions().items())
     title = f"Base parameters of {derived.name}: {model.regrouping.rank}"
     return tabular.Table(title, ("parameter", "expression"), rows)
 

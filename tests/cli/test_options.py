@@ -20,12 +20,12 @@ from stand_ins import Here
 
 import experiments
 import scenes
-from docs.tools.noise.recordings import sinusoids
+from docs.tools.noise_recordings import sinusoids
 from experiments import identify, mechanism
 from experiments.cli import options, running
 from experiments.cli.command import COMMANDS, main
 from experiments.document.result_folder import version
-from experiments.runs.environment import THREADS
+from experiments.runs import THREADS
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
@@ -140,13 +140,6 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=30) == -signal.SIGINT
         assert process.stderr.read() == ""
-
-
-def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model():
-    for command in ("identify", "batch", "columns", "excite", "payload", "stream"):
-        assert "--base-rpy" in COMMANDS[command].parser().format_help()
-    args = COMMANDS["identify"].parser().parse_args(["a", "b", "--base-rpy", "180", "0", "-90"])
-    assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

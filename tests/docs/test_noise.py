@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 from commands import entries_of, rows_of
 
-from docs.tools.noise import __main__ as noise
-from docs.tools.noise import counts, estimators
-from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
-from docs.tools.noise.estimators import ESTIMATORS, Case
-from docs.tools.noise.recordings import noisy_recording
+from docs.tools import noise
+from docs.tools.noise import ESTIMATORS, Case
+from docs.tools.noise_conditions import CONDITIONS, SUBJECTS
 from ident.mechanism.motion import Motion
 
 PERSON, PENDULUM = SUBJECTS["person"], SUBJECTS["pendulum"]
 IXX2 = PERSON.parameters.names.index("Ixx2")
-
-
-def states(who, recording):
-    return Motion(*recording.joint_states(who.mechanism.tree.joints))
 
 
 def scaled_error(condition, estimator):
@@ -36,15 +30,12 @@ def test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_
 
 
 def test_exact_states_give_the_truth_whatever_the_instruments():
-    recording = noisy_recording(CONDITIONS["pendulum_x1"], 0, 0).noise_free
-    who, motion = PENDULUM, states(PENDULUM, recording)
-    for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
-        psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
-        np.testing.assert_allclose(psi, who.true, atol=2e-3)
-    noisy = Case.drawn(CONDITIONS["pendulum_x3"], 0, 0)
-    given = who.mechanism, who.parameters.kept, noisy.recording, states(who, noisy.recording), who.commanded
-    answer = ESTIMATORS["pendulum"]["instruments"](noisy)
-    np.testing.assert_array_equal(answer.values, estimators.instrumental(*given)[0])
+    drawn = Case.drawn(CONDITIONS["pendulum_x1"], 0, 0)
+    case = replace(drawn, recording=drawn.recording.noise_free)
+    shifted = Motion(*(x + 0.1 for x in noise.measured(case)[0].states))
+    for instruments in (None, noise.commanded, lambda _: (shifted, 0)):
+        answer = noise.regressed(case, noise.measured, instruments)
+        np.testing.assert_allclose(answer.values, PENDULUM.true, atol=2e-3)
 
 
 KINDS = (
@@ -75,9 +66,8 @@ def short(monkeypatch):
         "pendulum": {"ordinary": pendulum["ordinary"], "trajectory": pendulum["instruments"]},
         "person": {"usual_filter": person, "trajectory": person},
     }
-    for module in (noise, counts):
-        monkeypatch.setattr(module, "CONDITIONS", some)
-    monkeypatch.setattr(counts, "ESTIMATORS", cheap)
+    monkeypatch.setattr(noise, "CONDITIONS", some)
+    monkeypatch.setattr(noise, "ESTIMATORS", cheap)
 
 
 @pytest.mark.usefixtures("short", "here")

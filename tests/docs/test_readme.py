@@ -15,9 +15,9 @@ import experiments
 import ident
 import scenes
 import sim
-from docs.tools import benchmark, drawings
+from docs.tools import benchmark, noise_recordings
 from docs.tools import pages as blocks
-from docs.tools.noise.conditions import drives, truth
+from docs.tools.noise_conditions import drives, truth
 from experiments.data.simulated_study import summary
 from experiments.reports import study_report
 from experiments.studies.validation.files import registry
@@ -165,7 +165,7 @@ def estimate(arm):
 @pytest.mark.slow
 def test_the_log_is_made_anew(tmp_path):
     """To a few units of the last decimal, since simulations of other platforms differ in the last bits."""
-    drawings.save_log(tmp_path / "arm.csv")
+    noise_recordings.save_log(tmp_path / "arm.csv")
     shipped = (SCENES / "arm.csv").read_text(encoding="utf-8").splitlines()
     made = (tmp_path / "arm.csv").read_text(encoding="utf-8").splitlines()
     assert shipped[0] == made[0] and len(shipped) == len(made) == 1 + 12 * 100
@@ -179,8 +179,8 @@ def test_the_log_is_made_anew(tmp_path):
 def test_its_estimate_is_usable_and_its_intervals_cover_the_truth(arm, estimate):
     assert estimate.verdict().usable and not estimate.setup
     loaded = arm.known.copy()
-    inertia = 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
-    loaded[-10:] += parameters_from_com(drawings.LOAD, np.array(drawings.PLACE), inertia)
+    inertia = 0.4 * noise_recordings.BALL * noise_recordings.RADIUS**2 * np.eye(3)
+    loaded[-10:] += parameters_from_com(noise_recordings.BALL, np.array(noise_recordings.PLACE), inertia)
     true = truth(estimate.fit.equations, loaded, drives(arm, scenes.load("arm").compile()))
     error = abs(estimate.fit.values[: len(true)] - true)
     assert len(true) > 35 and (error < 1.96 * estimate.fit.std[: len(true)]).mean() > 0.9
@@ -191,7 +191,7 @@ def test_its_estimate_is_usable_and_its_intervals_cover_the_truth(arm, estimate)
 def test_the_load_is_in_the_updated_tool_with_the_interval_of_readme(arm, estimate):
     consistent = estimate.consistent()
     *others, tool = consistent.phi[::10]
-    assert tool == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
+    assert tool == pytest.approx(0.8 + noise_recordings.BALL, abs=0.05)
     assert others == pytest.approx(arm.known[:-10:10], rel=0.05)
     text = (SCENES.parent / "README.md").read_text(encoding="utf-8")
     low, high = re.search(r"the tool has ([\d.]+) to ([\d.]+) kg", text).groups()

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 
 
 def size(data, *, plus=0):
@@ -23,3 +24,11 @@ def die(*_):
 
 def blocked_signals():
     return signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def wait_for_others(folder, others, number):
+    """The number; the first task waits for so many others."""
+    (folder / f"{number}").touch()
+    while number == 0 and len(list(folder.iterdir())) <= others:
+        time.sleep(0.01)
+    return number

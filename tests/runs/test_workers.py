@@ -5,14 +5,16 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from itertools import count
 
 import pytest
-from tasks import blocked_signals, die, refuse, size, unpicklable
+from tasks import blocked_signals, die, refuse, size, unpicklable, wait_for_others
 
 from experiments.cli import options, running
-from experiments.runs.environment import THREADS, environment, one_thread_each
+from experiments.runs import THREADS, environment, one_thread_each
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
+from ident.errors import InputError
 from ident.estimation.samples import in_order
 
 LARGE = bytes(2_000_000)  # More bytes than a pipe holds.
@@ -60,16 +62,16 @@ def test_workers_end_with_a_command_that_is_killed():
     assert (killed.returncode, killed.stderr) == (-signal.SIGKILL, b"")
 
 
-OUTCOMES = [json.dumps([k, k**2]) for k in range(6)]
+def outcome(number):
+    return json.dumps([number, number**2])
 
 
-def batches(outcomes, size=2):
-    return [outcomes[k : k + size] for k in range(0, len(outcomes), size)]
-
-
-def failing(outcomes, error):
-    yield from batches(outcomes)
-    raise error
+def answers(numbers, error=None):
+    """Outcomes of tasks in pairs, the latter one first, and then perhaps an error."""
+    for number in numbers[::2]:
+        yield {k: outcome(k) for k in (number + 1, number)}
+    if error is not None:
+        raise error
 
 
 @pytest.fixture
@@ -79,12 +81,27 @@ def run(tmp_path):
 
 @pytest.mark.parametrize("error", [ValueError("refused"), KeyboardInterrupt(), MemoryError()])
 def test_whatever_fails_the_outcomes_are_kept(run, capsys, error):
+    with pytest.raises(InputError, match=r"--resume goes on with the runs in .*, but none is done; leave it out\."):
+        run.done()
     with pytest.raises(type(error)):
-        run.collect(failing(OUTCOMES[:4], error), 6)
-    assert run.done() == OUTCOMES[:4]
+        run.collect(answers([], error), [""] * 8)
+    assert run.done() == [] and "None of the runs is done; settings are in" in capsys.readouterr().err
+    outcomes = [""] * 8
+    with pytest.raises(type(error)):
+        run.collect(answers([0, 1, 4, 5], error), outcomes)
+    assert run.done() == outcomes[:6] == [*map(outcome, range(2)), "", "", *map(outcome, (4, 5))]
     assert f"The runs done so far are in {run.file}; run again with --resume" in capsys.readouterr().err
-    assert run.collect(batches(OUTCOMES[4:]), 6, done=run.done()) == OUTCOMES
-    assert run.done() == OUTCOMES
+    run.collect(answers([2, 3, 6, 7]), outcomes)
+    assert run.done() == outcomes == [*map(outcome, range(8))]
+
+
+def test_a_long_task_holds_up_no_others(run):
+    """Every other worker would wait for the first task, which lasts until all others are done."""
+    done = run.file.with_name("done")
+    done.mkdir()
+    assert Workers(2).collected(partial(wait_for_others, done, 9), range(10), run) == list(range(10))
+    assert Workers(2, resume=True).collected(refuse, range(10), run) == list(range(10))
+    run.file.unlink()
 
 
 NAMES = (*THREADS, "MUJOCO_GL")

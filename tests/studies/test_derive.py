@@ -14,7 +14,8 @@ from mechanisms import random_states, random_tree
 from scipy.spatial.transform import Rotation
 from test_against_opensymoro import DATA, frame_of
 
-from experiments import derive, symbols
+import experiments
+from experiments import derive
 from experiments.data import paper
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
@@ -24,8 +25,8 @@ from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
 sympy = pytest.importorskip("sympy", reason="sympy is in the extra 'symbolic'")
+symbolic = pytest.importorskip("experiments.symbols")
 codegen = pytest.importorskip("experiments.symbols.codegen")
-symbolic = pytest.importorskip("experiments.symbols.symbolic")
 
 pytestmark = pytest.mark.extras
 
@@ -204,7 +205,7 @@ def test_what_cannot_be_derived_is_refused(tmp_path, capsys):
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "sympy", None)
-    for module in ("symbolic", "codegen"):
-        monkeypatch.delitem(sys.modules, f"experiments.symbols.{module}")
-        monkeypatch.delattr(symbols, module)
+    for module in ("experiments.symbols", "experiments.symbols.codegen"):
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.delattr(experiments, "symbols")
     assert "package 'sympy', which the extra 'symbolic' brings" in refusal(derive.main, ["table_1"], capsys)

@@ -13,7 +13,7 @@ import scenes
 import sim
 from experiments import columns as columns_command
 from experiments import identify
-from experiments.cli import own_model
+from experiments.cli import options
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 pytestmark = pytest.mark.extras
@@ -84,8 +84,8 @@ def test_an_episode_of_a_dataset_is_named_by_its_number(tmp_path, capsys, record
     assert columns_command.main([model, str(path), "--base", "base", "--out", mapping]) == 0
     assert f"{model} '{path}' --columns {mapping} --base base" in capsys.readouterr().out
     args = identify.parser().parse_args([model, str(path), "--columns", mapping, "--out", str(tmp_path)])
-    assert own_model.folder(args) == tmp_path / "double_pendulum-dataset-1"
-    assert [each["file"] for each in own_model.file_entry(path)["files"]] == ["info.json", "file-000.parquet"]
+    assert options.folder(args) == tmp_path / "double_pendulum-dataset-1"
+    assert [each["file"] for each in options.file_entry(path)["files"]] == ["info.json", "file-000.parquet"]
     log = ident.read_log(path, sim.mechanism(MODEL, base="base"), mapping)
     read, written = (x.of_joints(JOINTS, "position") for x in (log, recording))
     np.testing.assert_allclose(read, written, rtol=1e-5, atol=1e-5)

@@ -14,8 +14,8 @@ from recorded_faults import PENDULUM, faulty
 import ident
 import scenes
 import sim
-from docs.tools.noise.conditions import CONDITIONS
-from docs.tools.noise.estimators import Case
+from docs.tools.noise import Case
+from docs.tools.noise_conditions import CONDITIONS
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, prepared
 from ident.estimation.setup_parameters import SetupParameter

@@ -9,8 +9,8 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
-from docs.tools.noise.recordings import noisy_recording
+from docs.tools.noise_conditions import CONDITIONS, SUBJECTS
+from docs.tools.noise_recordings import noisy_recording
 from ident.estimation.preparation import prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.identification import identified

@@ -18,10 +18,8 @@ import numpy as np
 import pytest
 
 from experiments.data.validation import Entry, Source, SourceFile
-from experiments.studies.validation import download as downloads
 from experiments.studies.validation.converters import clamped, joint_states, noisy, tensors, wrong_bodies
-from experiments.studies.validation.download import address, cache, download
-from experiments.studies.validation.files import Places, checked, convert, fetched
+from experiments.studies.validation.files import Places, address, cache, checked, convert, download, fetched
 from ident.errors import InputError
 
 CONTENT = bytes(range(256)) * 3000
@@ -72,7 +70,6 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
     ("content", "options", "message"),
     [
         (CONTENT + b"!", {}, f"the registry expects {SHA256}"),
-        (CONTENT, {"largest": 1000}, "larger than the largest size"),
         (CONTENT[:1000], {"whole": len(CONTENT)}, "after 1000 of 768000"),
         *(
             (CONTENT, {"status": 302, "location": location}, "cannot be downloaded")
@@ -80,8 +77,7 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
         ),
     ],
 )
-def test_what_is_wrong_leaves_nothing_but_the_earlier_file(tmp_path, monkeypatch, content, options, message):
-    monkeypatch.setattr(downloads, "LARGEST", options.pop("largest", downloads.LARGEST))
+def test_what_is_wrong_leaves_nothing_but_the_earlier_file(tmp_path, content, options, message):
     (tmp_path / "a.csv").write_bytes(b"earlier")
     with server(content, **options) as (url, _), pytest.raises(InputError, match=message):
         download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
@@ -107,7 +103,7 @@ def test_files_are_fetched_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache() == tmp_path / "multicontact" / "recordings"
     with server() as (url, asked):
-        places = Places((tmp_path / "absent",), fetch=True, host=url)
+        places = Places(tmp_path / "absent", fetch=True, host=url)
         folder = places.folder(ENTRY)
         assert places.folder(ENTRY) == fetched(ENTRY, folder, url) == folder == cache() / "arm"
     assert asked == ["a%20b.csv"] and checked(ENTRY, folder) == ()
@@ -115,7 +111,7 @@ def test_files_are_fetched_once(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="another file than the one that was tried"):
         checked(ENTRY, folder)
     with pytest.raises(InputError, match=r"has no a\.csv; --fetch"):
-        Places((tmp_path / "absent",)).folder(replace(ENTRY, folder="other"))
+        Places(tmp_path / "absent").folder(replace(ENTRY, folder="other"))
     with pytest.raises(InputError, match="--fetch downloads them, or --data FOLDER"):
         Places().folder(replace(ENTRY, folder="other"))
 

@@ -20,9 +20,9 @@ from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
 from experiments.reports.validation_report import numbers
 from experiments.runs import workers
-from experiments.studies.validation import files, run, validation_study
+from experiments.studies.validation import files, validation_study
 from experiments.studies.validation.files import Places
-from experiments.studies.validation.run import trial_name, trials_of
+from experiments.studies.validation.validation_study import of_load, trial_name, trials_of
 from ident.errors import InputError
 from ident.payload import RigidBody
 from sim.models.model_mechanism import mechanism
@@ -56,7 +56,7 @@ def result(arm, tmp_path_factory):
     data, entry = arm
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
-        return validation_study.study([entry], Places((data,)), tmp_path_factory.mktemp("out"), workers.Workers())
+        return validation_study.study([entry], Places(data), tmp_path_factory.mktemp("out"), workers.Workers())
 
 
 def test_an_arm_is_identified_as_by_the_command(result):
@@ -206,14 +206,13 @@ def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", [name for name, entry in files.registry().items() if not entry.tried])
-def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_path, capsys, monkeypatch):
+def test_an_untried_recording_is_not_run_although_its_files_are_there(tmp_path, capsys, monkeypatch):
     """Not even one that says what would be fitted, and neither from a folder nor from a server."""
-    entry = files.registry()[name]
+    name, entry = next((name, entry) for name, entry in files.registry().items() if not entry.tried and entry.fitted)
     (tmp_path / entry.folder).mkdir()
     for file in entry.files:
         (tmp_path / entry.folder / file.name).write_bytes(b"something")
-    monkeypatch.setattr("experiments.studies.validation.validation_study.work", None)
+    monkeypatch.setattr(validation_study, "work", None)
     sentence = f"{name} is untried and is not run: the registry holds no hash, so that nothing says which files"
     for more in (["--data", str(tmp_path)], ["--fetch"]):
         assert sentence in refusal(validate.main, [name, "--out", str(tmp_path / "out"), *more], capsys)
@@ -282,9 +281,9 @@ def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgic
         np.testing.assert_allclose(loaded[0]["motor_7_torque"], rows[:, 13], atol=1e-12)
         return SimpleNamespace(in_frame=lambda: RigidBody(0.1 + values, values, 0.01 + values, values > 0, ends))
 
-    monkeypatch.setattr(run, "identify_load", identified)
+    monkeypatch.setattr(validation_study, "identify_load", identified)
     with pytest.warns(ModelNote):
-        known = run.of_load(entry, {entry.model: model, **{path.name: path for path in tmp_path.iterdir()}})
+        known = of_load(entry, {entry.model: model, **{path.name: path for path in tmp_path.iterdir()}})
     assert (known["names"], known["units"], known["true"]) == (["mass"], ["kg"], [0.105])
     assert (known["values"], known["tolerance"]) == ([0.1], [0.0005])
     assert (known["lower"], known["upper"]) == ([0.08], [0.13])

@@ -1,21 +1,35 @@
-"""The registry's files, and those of the recordings: where they are, checked and converted."""
+"""The registry's files, and those of the recordings: where they are, downloaded, checked and converted."""
 
+import hashlib
+import os
 import pickle
 import sqlite3
 import struct
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from http.client import HTTPException
 from importlib.resources import files
 from pathlib import Path
+from shutil import copyfileobj
+from typing import IO
+from urllib.error import HTTPError, URLError
+from urllib.parse import quote
+from urllib.request import urlopen
 from zipfile import BadZipFile
 
 from experiments.data.validation import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
-from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.display.brief import listed
 from ident.errors import InputError
-from ident.files.limits import made, toml
+from ident.files.atomic import replacing, unwritten
+from ident.files.limits import made, reason, toml
+
+HOST = "https://raw.githubusercontent.com"
+"""Server of the files of repositories."""
+
+MAY_COPY = ("BSD-2-Clause", "BSD-3-Clause", "MIT", "Apache-2.0", "CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "MPL-2.0")
+"""Licences that let anybody copy."""
 
 
 def columns_file(name: str, kind: str = "columns") -> Path:
@@ -64,12 +78,12 @@ class Places:
     """Folders in which files of entries are looked for.
 
     Attributes:
-        data: Local folders, each with a folder for each entry.
-        fetch: True to download what is in none of them.
+        data: Local folder with a folder for each entry; None for none.
+        fetch: True to download what is not there.
         host: Server to download from.
     """
 
-    data: tuple[Path, ...] = ()
+    data: Path | None = None
     fetch: bool = False
     host: str = HOST
 
@@ -79,37 +93,28 @@ class Places:
         Raises:
             InputError: No folder holds all of them; the message says what would do.
         """
-        *given, downloads = (where / entry.folder for where in (*self.data, cache()))
-        for place in given:
-            if _complete(entry, place):
-                return place
-        damaged = self.fetch and any(not file.made and not _is_right(file, downloads) for file in entry.files)
-        if _complete(entry, downloads) and not damaged:
+        given = None if self.data is None else self.data / entry.folder
+        lost = [file.name for file in entry.files if given is not None and not (given / file.name).is_file()]
+        if given is not None and entry.files and not lost:
+            return given
+        downloads = cache() / entry.folder
+        right = (_is_right(file, downloads) for file in entry.files if self.fetch and not file.made)
+        if all((downloads / file.name).is_file() for file in entry.files) and entry.files and all(right):
             return downloads
-        if not self.fetch:
-            raise InputError(_missing(entry, given))
-        return fetched(entry, downloads, self.host)
-
-
-def _complete(entry: Entry, folder: Path) -> bool:
-    return bool(entry.files) and all((folder / file.name).is_file() for file in entry.files)
+        if self.fetch:
+            return fetched(entry, downloads, self.host)
+        if lost:
+            raise InputError(f"'{given}' has no {listed(lost, 3)}; --fetch downloads what its licence lets.")
+        raise InputError(
+            "Its files are not here: --fetch downloads them, or --data FOLDER (or MULTICONTACT_DATA) names a folder "
+            f"with a folder '{entry.folder}'."
+        )
 
 
 def _is_right(file: SourceFile, folder: Path) -> bool:
     """True if a file is there with the registry's hash, or with any if that holds none."""
     path = folder / file.name
     return path.is_file() and (not file.sha256 or digest(path) == file.sha256)
-
-
-def _missing(entry: Entry, places: Iterable[Path]) -> str:
-    """Sentence on files that are not there."""
-    for place in places:
-        if lost := [file.name for file in entry.files if not (place / file.name).is_file()]:
-            return f"'{place}' has no {listed(lost, 3)}; --fetch downloads what its licence lets."
-    return (
-        f"Its files are not here: --fetch downloads them, or --data FOLDER (or MULTICONTACT_DATA) names a folder with "
-        f"a folder '{entry.folder}'."
-    )
 
 
 def fetched(entry: Entry, folder: Path, host: str = HOST) -> Path:
@@ -185,3 +190,90 @@ def convert(name: str, source: Path, target: Path) -> None:
         raise InputError(f"'{source}' cannot be converted: {error}") from None
     except DAMAGED as error:
         raise InputError(f"'{source}' cannot be converted by '{name}': it is damaged ({error}).") from None
+
+
+def cache() -> Path:
+    """Folder of downloads, in the user's cache."""
+    if given := os.environ.get("XDG_CACHE_HOME"):
+        base = Path(given)
+    elif sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    else:
+        base = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    return base / "multicontact" / "recordings"
+
+
+def address(entry: Entry, file: SourceFile, host: str = HOST) -> str:
+    """Address of a published file.
+
+    Raises:
+        InputError: The licence does not let it be copied, or its commit or path is not known.
+    """
+    source = entry.source
+    if source.licence not in MAY_COPY:
+        licence = f"is '{source.licence}'" if source.licence else "is not known"
+        raise InputError(
+            f"{entry.name} is not downloaded: the licence of {source.repository} {licence}, which lets nobody copy it "
+            "without asking. Get the files yourself and name their folder with --data."
+        )
+    if not source.commit or not file.path:
+        raise InputError(
+            f"{entry.name} cannot be downloaded: where '{file.name}' is published is not known. {entry.note} "
+            "A folder that holds it can be named with --data."
+        )
+    return f"{host}/{source.repository}/{source.commit}/{quote(file.path)}"
+
+
+def download(url: str, target: Path, sha256: str = "") -> str:
+    """Downloads a file, and returns its SHA-256; what is not whole or not right is not kept.
+
+    Args:
+        url: Its address.
+        target: Path of the file.
+        sha256: Expected hash; empty if it is not known.
+
+    Raises:
+        InputError: The server cannot be reached or refuses, the connection breaks, or the hash is another one.
+        OSError: The file cannot be written.
+    """
+    with unwritten(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(target) as temporary:
+            with temporary.open("wb") as file:
+                _receive(url, file)
+            got = digest(temporary)
+            if sha256 and got != sha256:
+                raise InputError(
+                    f"'{url}' has the SHA-256 {got}, but the registry expects {sha256}: it is damaged, or another file "
+                    "than the one that was tried; nothing of it was kept."
+                )
+    return got
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _receive(url: str, file: IO[bytes]) -> None:
+    """Writes what a server sends.
+
+    Raises:
+        InputError: It does not send all of it; the sentence says why.
+    """
+    try:
+        with urlopen(url, timeout=30) as response:
+            copyfileobj(response, file)
+            if response.length:
+                done = file.tell()
+                raise ConnectionError(f"it broke off after {done} of {done + response.length} bytes")
+    except HTTPError as error:
+        error.close()
+        raise InputError(f"'{url}' cannot be downloaded: the server says {error.code} {reason(error)}.") from None
+    except (URLError, TimeoutError, ConnectionError, HTTPException, ValueError, OverflowError) as error:
+        why = reason(getattr(error, "reason", error))
+        raise InputError(
+            f"'{url}' cannot be downloaded ({why}): is there a network? Run it again, or name a folder that holds the "
+            "files with --data."
+        ) from None

@@ -1,15 +1,18 @@
-"""Recordings of a robot, an arm and a person with noise, drift, outliers, quantisation and friction."""
+"""Recordings of a robot, an arm and a person with noise, drift, outliers, quantisation and friction; the arm's log."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
 import scenes
-from docs.tools.noise.conditions import SLOWING, SUBJECTS, Condition, drawn_bodies, drives
+from docs.tools.noise_conditions import SLOWING, SUBJECTS, Condition, drawn_bodies, drives
 from experiments.studies.person_recordings import autoregressive
+from ident.files.atomic import replacing
+from ident.files.table import vector_columns
 from ident.geometry.se3 import inverse
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor, drive_columns, joint_torque_regressor
@@ -279,3 +282,35 @@ def _standard(x: np.ndarray) -> np.ndarray:
     """Columns with mean zero and variance one."""
     x = x - x.mean(axis=0)
     return np.asarray(x / x.std(axis=0))
+
+
+BALL, PLACE, RADIUS = 0.5, (0.06, 0.12, 0.0), 0.03
+"""Mass, kg, centre in the tool's frame, m, and radius of the load, a ball, m."""
+
+DECIMALS = {"position": 5, "force": 2, "torque": 3}
+"""Decimals of the log by quantity, several of them within the noise."""
+
+
+def loaded_arm() -> mujoco.MjSpec:
+    """The scene `arm` with the load welded to its tool."""
+    spec = scenes.load("arm")
+    inertia = [0.4 * BALL * RADIUS**2] * 3
+    ball = spec.body("tool").add_body(name="load", pos=PLACE)
+    ball.mass, ball.ipos, ball.inertia, ball.explicitinertial = BALL, [0, 0, 0], inertia, True
+    return spec
+
+
+def save_log(path: Path) -> None:
+    """Writes angles, torques and the wrench of the plate at 100 Hz, along sums of sinusoids, as a controller would."""
+    seconds, seed = 12, 2
+    motion = sinusoids(np.random.default_rng(seed), 4, seconds)
+    log = simulate(loaded_arm(), motion, samples=100 * seconds, seed=seed)
+    columns, formats = {"time": log.time}, ["%.2f"]
+    for name, values in log.measured.items():
+        kind = name.rpartition("_")[2]
+        if kind in DECIMALS:
+            columns |= (parts := vector_columns(name, values))
+            formats += [f"%.{DECIMALS[kind]}f"] * len(parts)
+    with replacing(path) as temporary:
+        rows = np.column_stack(list(columns.values()))
+        np.savetxt(temporary, rows, formats, delimiter=",", header=",".join(columns), comments="", encoding="utf-8")
