@@ -22,7 +22,7 @@ from ident.geometry.inertia import with_bodies
 from ident.regression.ordinary import Fit
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory import left_out
-from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
+from ident.trajectory.fit.fitted import embedded, inverse_of_precision, sandwich
 from ident.trajectory.result import TrajectoryEstimate
 
 DISAGREE = 2.0

@@ -28,7 +28,7 @@ from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
 from ident.tolerances import DRIVE, INTERVAL, LIKELY, SINGULAR
-from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.fit.fitted import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 

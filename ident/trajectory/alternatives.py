@@ -12,9 +12,8 @@ from scipy import linalg, special
 
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
+from ident.trajectory.fit.fitted import TINIEST, inverse_of_precision
 from ident.trajectory.fit.piece import residual
-from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.fit.restricted_likelihood import TINIEST
 from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from ident.estimation.equations import Equations
 from ident.parameters.consistency import consistent_parameters
-from ident.trajectory.fit.fitted import Start, TrajectoryFit
-from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.fit.fitted import Start, TrajectoryFit, inverse_of_precision
 from ident.trajectory.setup_search import Refit
 
 Solve = Callable[..., TrajectoryFit]

@@ -14,8 +14,8 @@ from scipy import special
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
-from ident.trajectory.late_start import BETTER
 from ident.trajectory.left_out import clearly_better, gains
+from ident.trajectory.start import BETTER
 
 MOST_DEVIATIONS = 10
 """Largest number of parameters that are found by the search."""

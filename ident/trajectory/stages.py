@@ -31,12 +31,11 @@ from ident.trajectory.fit.noise_colours import ENOUGH
 from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
-from ident.trajectory.late_start import likely_delay
 from ident.trajectory.left_out import CLEARLY
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
-from ident.trajectory.start import smoothed, start
+from ident.trajectory.start import likely_delay, smoothed, start
 
 EXPLORED = 6
 """Rounds of a fit by which knots are chosen: its noise is then accurate to some per cent."""

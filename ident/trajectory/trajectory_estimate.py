@@ -22,9 +22,8 @@ from ident.setup import FRICTION, OFFSET, OWN
 from ident.tolerances import DRIVE, SINGULAR
 from ident.trajectory.alternatives import better, disagree
 from ident.trajectory.cut_pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
-from ident.trajectory.fit.fitted import Prior
+from ident.trajectory.fit.fitted import Prior, inverse_of_precision
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import low_velocity_columns
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages

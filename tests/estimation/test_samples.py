@@ -22,7 +22,7 @@ from ident.estimation.sources import in_order
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.stated import Servo
 from ident.regression.conventional import filtered_least_squares
-from ident.trajectory.late_start import unexplained
+from ident.trajectory.start import unexplained
 
 TREE = double_pendulum()
 STATES = random_states(np.random.default_rng(0), TREE, 90)

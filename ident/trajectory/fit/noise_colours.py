@@ -24,8 +24,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autocovariance
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.rows import TOGETHER
-from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.precision import embedded, root_of_inverse
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, embedded, root_of_inverse
 from ident.trajectory.fit.response import Response, Stream, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
@@ -61,8 +60,6 @@ SHOWN = 0.3
 AT_FLOOR = 1.01
 """Noise over its floor up to which it cannot be estimated from the stream's residual: an arm's intervals, in noise that
 walks, hold in 88 instead of 94 % without."""
-
-TINIEST = 1e-300
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,10 +24,8 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
-from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.rows import TOGETHER
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
+from ident.trajectory.algebra.rows import TOGETHER, Nodes
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.piece_equations import normal_equations

@@ -9,9 +9,7 @@ from closeness import close
 from measurements import at, random_measurement, random_point
 
 from ident.estimation.measurement import Measurement
-from ident.trajectory.algebra import groups
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline
 from ident.trajectory.algebra.whitening import HUBER
 from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
@@ -263,13 +261,13 @@ def test_channels_grouped_by_what_they_depend_on_give_what_all_at_once_give(kind
         return {name: value for name, value in every.items() if name not in ("eliminated", "factors")}
 
     def forget():
-        groups._groups.cache_clear()
-        groups._components.cache_clear()
+        arrow._groups.cache_clear()
+        arrow._components.cache_clear()
 
     expected, usual = arrays(Dense(m)), arrays(m)
     with monkeypatch.context() as patched:
         for name in ("CALLED", "CALLED_OF_COMPONENT", "MOVED"):
-            patched.setattr(groups, name, 0.0)
+            patched.setattr(arrow, name, 0.0)
         forget()
         split = arrays(m)
     forget()
