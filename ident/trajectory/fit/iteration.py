@@ -179,7 +179,7 @@ def fit(
         status = "interrupted"
     wanted = problem.shares(at) if len(free) and (shares or status == "interrupted") else []
     ended = at.noises, at.coefficients, pieces, tuple(trace), status
-    return TrajectoryFit(*indices, problem.prior, at.theta, wanted, free, *ended)
+    return TrajectoryFit(problem.names, problem.selections, problem.prior, at.theta, wanted, free, *ended)
 
 
 class _Sent:

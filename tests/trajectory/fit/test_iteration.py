@@ -10,8 +10,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 from scipy.optimize import lsq_linear
 
 from ident.estimation.preparation import Part, prepared
-from ident.trajectory import stages
-from ident.trajectory.bounded_fits import with_positive
+from ident.trajectory import moves, stages
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
@@ -93,8 +92,8 @@ def test_correlated_noise_is_given_up_once_it_settles_or_predicts_far_worse(monk
         return tried if loss < -margin else usual
 
     monkeypatch.setattr(stages.Stages, "refitted", refitted)
-    monkeypatch.setattr(stages, "better", better)
-    chosen = stages.Stages._coloured(object.__new__(stages.Stages), usual)
+    monkeypatch.setattr(moves, "better", better)
+    chosen = moves._coloured(object.__new__(stages.Stages), usual)
     assert rounds == legs and chosen.coloured == (loss < 0)
 
 
@@ -116,7 +115,7 @@ def test_drives_are_those_of_non_negative_least_squares():
             share, prior = (A.T @ A, A.T @ (y - A @ theta)), Prior(np.zeros(P), np.zeros((P, P)))
             return TrajectoryFit([*"abcdef"], [], prior, theta, [share], free, [noise], [], [], (), "converged")
 
-        fit = with_positive(solve, drives, Start(np.zeros(P), [noise], []), np.ones(P, bool), 10)
+        fit = stages.with_positive(solve, drives, Start(np.zeros(P), [noise], []), np.ones(P, bool), 10)
         best = lsq_linear(A, y, bounds=(np.where(drives, 0.0, -np.inf), np.inf), tol=1e-12)
         assert (fit.theta[drives] >= 0).all()
         np.testing.assert_array_equal(fit.bounded, drives & (fit.theta == 0))

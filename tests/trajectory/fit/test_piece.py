@@ -9,6 +9,7 @@ from closeness import close
 from measurements import at, random_measurement, random_point
 
 from ident.estimation.measurement import Measurement
+from ident.trajectory.algebra import arrow
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline
 from ident.trajectory.algebra.whitening import HUBER
 from ident.trajectory.fit.piece import Point
