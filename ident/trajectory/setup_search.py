@@ -33,10 +33,6 @@ PROMISING = 2.5
 """Score, in standard deviations, above which a parameter is tried: low, because the effect of a parameter that
 is not fitted increases the noise."""
 
-IDLE = 4.0
-"""Standard deviations below which a long delay is removed again, about the significance level of a search among many
-candidates."""
-
 SEARCH_ROUNDS = 40
 """Largest number of rounds of each fit of the search."""
 
@@ -228,7 +224,7 @@ def searched(
         if (np.abs(tried.theta) > INCREDIBLE * _known(tried))[candidates].any():
             return incredible()
         fitted, deviations = tried, (*deviations, *step.deviations)
-    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays)
+    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays, threshold)
 
 
 def _known(fit: TrajectoryFit) -> np.ndarray:
@@ -265,10 +261,10 @@ def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:
     return search
 
 
-def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
+def _without_idle(search: Search, refit: Refit, delays: Delays, threshold: float) -> Search:
     """Search without long delays that are no longer significant because a clock error, fitted later, explains them."""
     fit, ours = search.fit, [each.index for each in search.deviations if each.index in delays]
-    idle = [at for at in ours if abs(fit.theta[at]) < IDLE * np.sqrt(fit.covariance[at, at])]
+    idle = [at for at in ours if abs(fit.theta[at]) < threshold * np.sqrt(fit.covariance[at, at])]
     if not idle or fit.status == "interrupted":
         return search
     kept = tuple(each for each in search.deviations if each.index not in idle)

@@ -214,7 +214,7 @@ class Stages:
         Args:
             estimate: The estimate.
             settled: Tolerance with which fits end.
-            shares: True for the shares of the pieces, which fits have anyway if they are long or drives may be at their
+            shares: True for the shares of the pieces, which fits have anyway if they are long or have drives at their
                 bound.
             explore: True to end as soon as the channels' noise has converged, without shares.
         """
@@ -238,8 +238,13 @@ class Stages:
 
         def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
             bounded = drives | (self.is_drive & free)
-            asked = not explore and (shares or is_long or bool(bounded.any()))
-            return with_positive(partial(solve, shares=asked), bounded, begin, free, rounds)
+
+            def solved(begin: Start, *, free: np.ndarray, rounds: int) -> TrajectoryFit:
+                # Drives at their bound are tried again by their scores.
+                asked = not explore and (shares or is_long or bool((bounded & ~free).any()))
+                return solve(begin, free=free, rounds=rounds, shares=asked)
+
+            return with_positive(solved, bounded, begin, free, rounds)
 
         return refit
 

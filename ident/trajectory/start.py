@@ -93,8 +93,17 @@ def start(
         free: Mask of the entries of θ to fit; the others have their means (p,).
     """
     names, alike, noises = measurement.equations.channels, _alike(measurement), list[Noise]()
-    floor = least_noise([piece.signal for piece in pieces], names)
-    theta, channels = _regressed(measurement, pieces, alone.coefficients, prior, free, floor)
+    signals, theta = [piece.signal for piece in pieces], prior[0].copy()
+    scales, rows, right = channel_scales(signals, names), [], []
+    for piece, c in zip(pieces, alone.coefficients, strict=True):
+        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
+        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
+        loose = False if piece.slack is None else piece.slack > LOOSE * scales
+        rows.append(by_theta.transpose(2, 0, 1))
+        right.append(np.where(loose, np.nan, piece.measured - values.T))
+    given = np.concatenate(right), np.concatenate(rows), scales, least_noise(signals, names)
+    step, channels = reweighted(*given, prior[1][np.ix_(free, free)])
+    theta[free] += step
     for log, noise in enumerate(alone.noises):
         own = least_noise([piece.signal for piece in pieces if piece.log == log], names)
         std, rho = np.maximum(channels, own), np.zeros(len(own))
@@ -164,23 +173,6 @@ def _interpolated(piece: Piece) -> np.ndarray:
     return np.stack([np.interp(middle, piece.time[there], x[there]) for x, there in measured], axis=1)
 
 
-def _regressed(
-    measurement: Measurement,
-    pieces: Sequence[Piece],
-    coefficients: Sequence[np.ndarray],
-    prior: tuple[np.ndarray, np.ndarray],
-    free: np.ndarray,
-    floor: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
-    theta, precision = prior[0].copy(), prior[1][np.ix_(free, free)]
-    A, b = _linear(measurement, pieces, coefficients, theta, free)
-    std = channel_scales([piece.signal for piece in pieces], measurement.equations.channels)
-    step, std = reweighted(np.where(_loose(pieces, std), np.nan, b), A, std, floor, precision)
-    theta[free] += step
-    return theta, std
-
-
 def reweighted(
     residual: np.ndarray, columns: np.ndarray, std: np.ndarray, floor: np.ndarray, precision: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -207,29 +199,6 @@ def reweighted(
     return step, std
 
 
-def _loose(pieces: Sequence[Piece], scales: np.ndarray) -> np.ndarray:
-    """Mask of the channels' samples whose slack is not small relative to the channels' scales (C,), (N, C)."""
-    nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
-    return np.asarray(np.concatenate(list(nothing)) > LOOSE * scales)
-
-
-def _linear(
-    measurement: Measurement,
-    pieces: Sequence[Piece],
-    coefficients: Sequence[np.ndarray],
-    theta: np.ndarray,
-    free: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of all pieces' channels by the free entries of θ (N, C, f), and their residuals (N, C)."""
-    rows, right = [], []
-    for piece, c in zip(pieces, coefficients, strict=True):
-        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
-        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
-        rows.append(by_theta.transpose(2, 0, 1))
-        right.append(piece.measured - values.T)
-    return np.concatenate(rows), np.concatenate(right)
-
-
 def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float:
     """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
 
@@ -245,8 +214,10 @@ def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float
     own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
     longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
-    delays = _candidates(float(np.sqrt(fit.prior.known[at, at])), longest)
-    number = len(delays) // 2
+    # After a longer delay channels and motion do not overlap; no prior has no limit of its own.
+    most = FURTHEST / max(float(np.sqrt(fit.prior.known[at, at])), TINIEST)
+    number = int(min(most, longest) / SPACING)
+    delays = SPACING * np.arange(-number, number + 1)
 
     def left(T: float) -> list[float]:
         motions = [motion_alone(piece, measurement, fit.theta[chosen], T) for piece, chosen in own]
@@ -291,14 +262,3 @@ def unexplained(residual: np.ndarray, columns: np.ndarray, channels: Sequence[st
     least = LEAST * beside_others(rms, channels)
     step, _ = reweighted(residual, columns, np.maximum(rms, least), least)
     return float(np.log(np.maximum(np.sqrt(((residual - columns @ step) ** 2).mean(axis=0)), TINIEST)).mean())
-
-
-def _candidates(root: float, longest: float) -> np.ndarray:
-    """Delays to try, symmetric about zero, s.
-
-    Args:
-        root: Inverse of the prior's standard deviation, zero for none, 1/s.
-        longest: Length of the longest piece, s: after a longer delay, channels and motion do not overlap.
-    """
-    number = int((min(FURTHEST / root, longest) if root else longest) / SPACING)
-    return SPACING * np.arange(-number, number + 1)

@@ -10,7 +10,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 from scipy.optimize import lsq_linear
 
 from ident.estimation.preparation import Part, prepared
-from ident.trajectory import moves, stages
+from ident.trajectory import stages
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
@@ -75,26 +75,6 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     rank = other.measurement.equations.parameters.rank
     deviations = [np.sqrt(np.diag(each.fit.covariance))[:rank] for each in (other, usual)]
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("step", "loss", "legs"), [(0.5, 0.1, [5]), (0.5, -0.1, [5, 15]), (5.0, 0.3, [5, 15]), (5.0, 1.0, [5])]
-)
-def test_correlated_noise_is_given_up_once_it_settles_or_predicts_far_worse(monkeypatch, step, loss, legs):
-    rounds, usual = [], estimate()
-
-    def refitted(_, known, **how):
-        rounds.append(how["rounds"])
-        return known.with_fit(replace(known.fit, status="stopped", trace=(step,)))
-
-    def better(usual, _, other, margin=0.03):
-        tried = other()
-        return tried if loss < -margin else usual
-
-    monkeypatch.setattr(stages.Stages, "refitted", refitted)
-    monkeypatch.setattr(moves, "better", better)
-    chosen = moves._coloured(object.__new__(stages.Stages), usual)
-    assert rounds == legs and chosen.coloured == (loss < 0)
 
 
 def test_drives_are_those_of_non_negative_least_squares():
