@@ -14,6 +14,7 @@ from scipy import special
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
+from ident.trajectory.fit.iteration import ROUNDS
 from ident.trajectory.left_out import clearly_better, gains
 from ident.trajectory.start import BETTER
 
@@ -32,9 +33,6 @@ NEGLIGIBLE = 0.04
 PROMISING = 2.5
 """Score, in standard deviations, above which a parameter is tried: low, because the effect of a parameter that
 is not fitted increases the noise."""
-
-SEARCH_ROUNDS = 40
-"""Largest number of rounds of each fit of the search."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +235,7 @@ def _fit_from(
 ) -> TrajectoryFit:
     """Fit that starts from another value of some parameters, by their mask, which are free or fixed."""
     start = replace(fit.end, theta=np.where(own, value, fit.theta))
-    return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
+    return refit(start, np.where(own, free, fit.free), ROUNDS)
 
 
 def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
