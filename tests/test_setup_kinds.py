@@ -16,8 +16,8 @@ from ident.mechanism.tree import Tree
 from ident.recordings.mapping import DEVIATIONS
 from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
+from ident.trajectory.moves import _groups
 from ident.trajectory.setup_search import Deviation
-from ident.trajectory.stages import _groups
 
 WORDED = {
     ("delay", "ground", None): ("The wrench 'ground' is 30.00 ± 0.10 ms late", "a delay of the wrench 'ground'"),

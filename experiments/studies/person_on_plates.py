@@ -27,10 +27,10 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording
 from ident.tolerances import INTERVAL
+from ident.trajectory.fit.fitted import inverse_of_precision
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.piece import Piece, Point
 from ident.trajectory.fit.piece_equations import normal_equations
-from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from sim.motion.person import ACTIVITIES
 

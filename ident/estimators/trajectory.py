@@ -22,7 +22,7 @@ from ident.problem import Problem
 from ident.regression.held_out import LEAST_SQUARES, MODEL
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit
-from ident.trajectory.fit.precision import UNDETERMINED
+from ident.trajectory.fit.fitted import UNDETERMINED
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 

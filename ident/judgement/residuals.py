@@ -27,7 +27,7 @@ from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.tolerances import LEFT, POOR, SIGNIFICANT, SINGULAR
 from ident.trajectory import left_out
-from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
+from ident.trajectory.fit.fitted import embedded, inverse_of_precision, sandwich
 from ident.trajectory.left_out import of_contacts
 from ident.trajectory.result import TrajectoryEstimate
 

@@ -38,9 +38,8 @@ from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
 from ident.tolerances import HOLDOUT, ROUNDING, SIGNIFICANT
-from ident.trajectory.fit.fitted import Prior, TrajectoryFit
+from ident.trajectory.fit.fitted import Prior, TrajectoryFit, embedded, inverse_of_precision
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.precision import embedded, inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.trajectory_estimate import RUBS, own_columns
 

@@ -18,8 +18,7 @@ from scipy import linalg, sparse
 from ident.recordings.faults import GROSS, longest_step, running_median
 from ident.recordings.times import Sampled
 from ident.tolerances import NORMAL_MAD
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline
 
 PASSES = 4
 """Largest number of smoothing passes: small outliers show once large ones are removed."""

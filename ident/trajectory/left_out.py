@@ -15,9 +15,8 @@ from ident.estimation.noise import channel_scales
 from ident.recordings.times import Sampled
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.angles_alone import Trajectory, smoothed
-from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.trajectory.fit.fitted import TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
-from ident.trajectory.fit.precision import inverse_of_precision
 
 SMOOTHING = 0.01 * 2.0 ** np.arange(6)
 """Time constants with which angles alone are smoothed, s; the one that predicts best is used."""

@@ -12,8 +12,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup_parameters import SetupParameter
 from ident.tolerances import SIGNIFICANT
-from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.fit.fitted import TrajectoryFit, inverse_of_precision
 from ident.trajectory.reversals import Reversals
 from ident.trajectory.setup_search import NEGLIGIBLE, Deviation, Search
 

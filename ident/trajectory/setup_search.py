@@ -14,8 +14,9 @@ from scipy import special
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
-from ident.trajectory.late_start import BETTER
+from ident.trajectory.fit.iteration import ROUNDS
 from ident.trajectory.left_out import clearly_better, gains
+from ident.trajectory.start import BETTER
 
 MOST_DEVIATIONS = 10
 """Largest number of parameters that are found by the search."""
@@ -32,13 +33,6 @@ NEGLIGIBLE = 0.04
 PROMISING = 2.5
 """Score, in standard deviations, above which a parameter is tried: low, because the effect of a parameter that
 is not fitted increases the noise."""
-
-IDLE = 4.0
-"""Standard deviations below which a long delay is removed again, about the significance level of a search among many
-candidates."""
-
-SEARCH_ROUNDS = 40
-"""Largest number of rounds of each fit of the search."""
 
 
 @dataclass(frozen=True)
@@ -228,7 +222,7 @@ def searched(
         if (np.abs(tried.theta) > INCREDIBLE * _known(tried))[candidates].any():
             return incredible()
         fitted, deviations = tried, (*deviations, *step.deviations)
-    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays)
+    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays, threshold)
 
 
 def _known(fit: TrajectoryFit) -> np.ndarray:
@@ -241,7 +235,7 @@ def _fit_from(
 ) -> TrajectoryFit:
     """Fit that starts from another value of some parameters, by their mask, which are free or fixed."""
     start = replace(fit.end, theta=np.where(own, value, fit.theta))
-    return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
+    return refit(start, np.where(own, free, fit.free), ROUNDS)
 
 
 def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
@@ -265,10 +259,10 @@ def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:
     return search
 
 
-def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
+def _without_idle(search: Search, refit: Refit, delays: Delays, threshold: float) -> Search:
     """Search without long delays that are no longer significant because a clock error, fitted later, explains them."""
     fit, ours = search.fit, [each.index for each in search.deviations if each.index in delays]
-    idle = [at for at in ours if abs(fit.theta[at]) < IDLE * np.sqrt(fit.covariance[at, at])]
+    idle = [at for at in ours if abs(fit.theta[at]) < threshold * np.sqrt(fit.covariance[at, at])]
     if not idle or fit.status == "interrupted":
         return search
     kept = tuple(each for each in search.deviations if each.index not in idle)

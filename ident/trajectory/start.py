@@ -1,4 +1,8 @@
-"""Starting point of the trajectory estimate: coordinates smoothed one by one, then least squares for parameters."""
+"""Starting point of the trajectory estimate: coordinates smoothed one by one, then least squares for parameters.
+
+Long delays have a start of their own, because the score test misses them: their effect is not linear. A force plate
+under a person may be late by a tenth of a second or more, as long as accelerations take to change sign.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -10,11 +14,13 @@ from typing import cast
 import numpy as np
 
 from ident.estimation.measurement import Measurement
-from ident.estimation.noise import channel_scales, least_noise, rounding
+from ident.estimation.noise import LEAST, beside_others, channel_scales, least_noise, rounding
 from ident.recordings.smoothing import at_rest, white_noise
+from ident.trajectory.angles_alone import Trajectory
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.piece import Noise, Piece, channel_times
+from ident.trajectory.fit.fitted import TINIEST, Prior, Start, TrajectoryFit
+from ident.trajectory.fit.piece import Noise, Piece, channel_times, clocks
+from ident.trajectory.left_out import motion_alone
 
 REWEIGHTED = 4
 """Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
@@ -41,6 +47,22 @@ rounding."""
 
 TINY = 1e-12, 1e-9
 """Noise and spread assumed for a constant coordinate."""
+
+SPACING, FURTHEST = 0.05, 3.0
+"""Delays to try: their spacing in seconds, half of which the score test covers, and the largest one in standard
+deviations of its prior."""
+
+BETTER = 0.9
+"""Largest geometric mean of the channels' residuals, over that without a delay, with which a delay is tried."""
+
+SMOOTHED = 0.02, 0.08
+"""Time constants of smoothing to try, s: for motions of robots and of people."""
+
+REMAINING = 0.9
+"""Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
+
+TRIED, COMPARED = 20_000, 400
+"""Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
 
 
 def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +93,17 @@ def start(
         free: Mask of the entries of θ to fit; the others have their means (p,).
     """
     names, alike, noises = measurement.equations.channels, _alike(measurement), list[Noise]()
-    floor = least_noise([piece.signal for piece in pieces], names)
-    theta, channels = _regressed(measurement, pieces, alone.coefficients, prior, free, floor)
+    signals, theta = [piece.signal for piece in pieces], prior[0].copy()
+    scales, rows, right = channel_scales(signals, names), [], []
+    for piece, c in zip(pieces, alone.coefficients, strict=True):
+        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
+        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
+        loose = False if piece.slack is None else piece.slack > LOOSE * scales
+        rows.append(by_theta.transpose(2, 0, 1))
+        right.append(np.where(loose, np.nan, piece.measured - values.T))
+    given = np.concatenate(right), np.concatenate(rows), scales, least_noise(signals, names)
+    step, channels = reweighted(*given, prior[1][np.ix_(free, free)])
+    theta[free] += step
     for log, noise in enumerate(alone.noises):
         own = least_noise([piece.signal for piece in pieces if piece.log == log], names)
         std, rho = np.maximum(channels, own), np.zeros(len(own))
@@ -142,23 +173,6 @@ def _interpolated(piece: Piece) -> np.ndarray:
     return np.stack([np.interp(middle, piece.time[there], x[there]) for x, there in measured], axis=1)
 
 
-def _regressed(
-    measurement: Measurement,
-    pieces: Sequence[Piece],
-    coefficients: Sequence[np.ndarray],
-    prior: tuple[np.ndarray, np.ndarray],
-    free: np.ndarray,
-    floor: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
-    theta, precision = prior[0].copy(), prior[1][np.ix_(free, free)]
-    A, b = _linear(measurement, pieces, coefficients, theta, free)
-    std = channel_scales([piece.signal for piece in pieces], measurement.equations.channels)
-    step, std = reweighted(np.where(_loose(pieces, std), np.nan, b), A, std, floor, precision)
-    theta[free] += step
-    return theta, std
-
-
 def reweighted(
     residual: np.ndarray, columns: np.ndarray, std: np.ndarray, floor: np.ndarray, precision: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -185,24 +199,66 @@ def reweighted(
     return step, std
 
 
-def _loose(pieces: Sequence[Piece], scales: np.ndarray) -> np.ndarray:
-    """Mask of the channels' samples whose slack is not small relative to the channels' scales (C,), (N, C)."""
-    nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
-    return np.asarray(np.concatenate(list(nothing)) > LOOSE * scales)
+def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float:
+    """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
+
+    Args:
+        measurement: Channels, and the parameters of one recording.
+        at: Index of the delay among all parameters.
+        fit: Pieces and parameters.
+
+    Returns:
+        The delay, zero if none is clearly better than no delay.
+    """
+    own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
+    own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
+    share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
+    longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
+    # After a longer delay channels and motion do not overlap; no prior has no limit of its own.
+    most = FURTHEST / max(float(np.sqrt(fit.prior.known[at, at])), TINIEST)
+    number = int(min(most, longest) / SPACING)
+    delays = SPACING * np.arange(-number, number + 1)
+
+    def left(T: float) -> list[float]:
+        motions = [motion_alone(piece, measurement, fit.theta[chosen], T) for piece, chosen in own]
+        out = []
+        for delay in delays.tolist():
+            theta = np.where(np.arange(len(fit.theta)) == at, delay, fit.theta)
+            each = zip(own, motions, strict=True)
+            parts = [compared(measurement, piece, motion, theta[chosen], share) for (piece, chosen), motion in each]
+            residuals, columns = zip(*parts, strict=True)
+            out.append((np.concatenate(residuals), np.concatenate(columns)))
+        least = max(REMAINING * len(out[number][0]), len(measurement.equations.names))
+        channels = measurement.equations.channels
+        return [unexplained(b, A, channels) if len(b) >= least else np.inf for b, A in out]
+
+    every = min(map(left, SMOOTHED), key=min)
+    best = int(np.argmin(every))
+    better = np.isfinite(every[number]) and every[best] < every[number] + np.log(BETTER)
+    return float(delays[best]) if better else 0.0
 
 
-def _linear(
-    measurement: Measurement,
-    pieces: Sequence[Piece],
-    coefficients: Sequence[np.ndarray],
-    theta: np.ndarray,
-    free: np.ndarray,
+def compared(
+    measurement: Measurement, piece: Piece, motion: Trajectory, theta: np.ndarray, share: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of all pieces' channels by the free entries of θ (N, C, f), and their residuals (N, C)."""
-    rows, right = [], []
-    for piece, c in zip(pieces, coefficients, strict=True):
-        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
-        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
-        rows.append(by_theta.transpose(2, 0, 1))
-        right.append(piece.measured - values.T)
-    return np.concatenate(rows), np.concatenate(right)
+    """Residuals (M, C) and columns (M, C, k) of every `share`-th sample, of those neither missing nor near the ends."""
+    piece = replace(piece, measured=piece.measured[:, : len(measurement.equations.channels)])
+    every = clocks(measurement, piece, theta)
+    settled = np.all([motion.settled(when) for _, when, _ in every], axis=0)
+    taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[::share]
+    residual, chosen = piece.measured[taken], np.arange(len(measurement.equations.names))
+    columns = np.zeros((*residual.shape, len(chosen)))
+    for own, when, _ in every if len(taken) else ():
+        states = motion.evaluate(when[taken])[:3]
+        predicted, _, derivatives = measurement.derivatives(states, piece.wrenches[taken], theta, chosen)
+        residual[:, own] -= predicted[own].T
+        columns[:, own] = derivatives[own].transpose(2, 0, 1)
+    return residual, columns
+
+
+def unexplained(residual: np.ndarray, columns: np.ndarray, channels: Sequence[str]) -> float:
+    """Mean logarithm of the channels' RMS residuals (M, C) after columns (M, C, k) are fitted."""
+    rms = np.sqrt((residual**2).mean(axis=0))
+    least = LEAST * beside_others(rms, channels)
+    step, _ = reweighted(residual, columns, np.maximum(rms, least), least)
+    return float(np.log(np.maximum(np.sqrt(((residual - columns @ step) ** 2).mean(axis=0)), TINIEST)).mean())

@@ -20,14 +20,13 @@ from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
 from ident.setup import FRICTION, OFFSET, OWN
 from ident.tolerances import DRIVE, SINGULAR
-from ident.trajectory.alternatives import better, disagree
+from ident.trajectory import moves
 from ident.trajectory.cut_pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
-from ident.trajectory.fit.fitted import Prior
+from ident.trajectory.fit.fitted import Prior, inverse_of_precision
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import low_velocity_columns
-from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
+from ident.trajectory.stages import Stages
 
 FINEST = 0.005
 """Smallest knot spacing, s: no drive's torque is known to change faster."""
@@ -101,33 +100,35 @@ def trajectory_estimate(
     share = max(1, length(recordings) // ENOUGH)
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     steps = [knots or knot_distance(log.recording, log.mechanism.joints, widest) for log in logs]
-    finest = [knots or max(KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
-    estimate = stages.explored(steps, share, finest)
+    finest = [knots or max(moves.KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
+    estimate = moves.explored(stages, steps, share, finest)
     if fallback is not None:
         with_prior = stages_of(fallback, equations)
-        estimate = with_prior.preferred(stages.carried(estimate))
+        estimate = moves.preferred(with_prior, stages.carried(estimate))
         known, stages = (fallback, with_prior) if estimate.known else (known, stages)
-    estimate = stages.settled(estimate)
-    if disagree(estimate, own_columns(estimate.measurement, OF_RECORDINGS)):
+    estimate = moves.settled(stages, estimate)
+    if moves.disagree(estimate, own_columns(estimate.measurement, OF_RECORDINGS)):
         apart = stages_of(known, equations, (*own, *OF_RECORDINGS))
-        tried = better(
-            estimate, "own friction and offsets", lambda: apart.settled(apart.explored(steps, share, finest))
+        tried = moves.better(
+            estimate,
+            "own friction and offsets",
+            lambda: moves.settled(apart, moves.explored(apart, steps, share, finest)),
         )
         if len(tried.fit.names) > len(estimate.fit.names):
             own, stages = (*own, *OF_RECORDINGS), apart
         estimate = tried
     if more := low_velocity_columns(equations, estimate.reversals) if stribeck else ():
         wider = stages_of(known, equations.with_stribeck(more), own)
-        estimate = wider.searched(wider.carried(estimate))
+        estimate = moves.with_setup_errors(wider, wider.carried(estimate))
         kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]
         stages = stages_of(known, equations.with_stribeck(kept) if kept else equations, own)
         estimate = stages.carried(estimate)
     else:
-        estimate = stages.searched(estimate)
+        estimate = moves.with_setup_errors(stages, estimate)
     if share > 1:
-        estimate = stages.searched(stages.whole(estimate))
-    estimate = stages.converged(estimate)
-    return stages.with_physical_bodies(estimate) if physical else estimate
+        estimate = moves.with_setup_errors(stages, moves.whole(stages, estimate))
+    estimate = moves.converged(stages, estimate)
+    return moves.with_physical_bodies(stages, estimate) if physical else estimate
 
 
 def with_bodies_to_size(equations: Equations, recording: Part[slice]) -> Mechanism:

@@ -21,7 +21,7 @@ from ident.estimation.samples import arrays_of, even, in_order
 from ident.estimators.least_squares import filtered_least_squares
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.stated import Servo
-from ident.trajectory.late_start import unexplained
+from ident.trajectory.start import unexplained
 
 TREE = double_pendulum()
 STATES = random_states(np.random.default_rng(0), TREE, 90)

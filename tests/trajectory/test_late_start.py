@@ -25,7 +25,7 @@ from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit.fitted import Prior
-from ident.trajectory.late_start import likely_delay
+from ident.trajectory.start import likely_delay
 from ident.trajectory.trajectory_estimate import trajectory_estimate
 from sim.motion.excitation import DOUBLE_PENDULUM
 

@@ -8,7 +8,7 @@ from recorded_faults import PENDULUM, faulty
 
 import ident
 from ident.errors import ExcitationError
-from ident.trajectory import stages, trajectory_estimate
+from ident.trajectory import moves, stages, trajectory_estimate
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.piece import Piece
@@ -70,7 +70,7 @@ def usual():
 def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeypatch):
     """Of a share that does not determine the parameters, twice as much is taken."""
     fits, covariances, fit, with_scatter = [], [], iteration.fit, stages.with_scatter
-    begun = stages.Stages._begun
+    begun = stages.Stages.begun
 
     def counting(measurement, pieces, begin, **how):
         if len(begin.theta):
@@ -88,7 +88,7 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeyp
 
     monkeypatch.setattr(iteration, "fit", counting)
     monkeypatch.setattr(stages, "with_scatter", scattered)
-    monkeypatch.setattr(stages.Stages, "_begun", refused)
+    monkeypatch.setattr(stages.Stages, "begun", refused)
     monkeypatch.setattr(trajectory_estimate, "ENOUGH", 240 if determined else 180)
     again = ident.identify(driven_arm.mechanism(), driven_arm.log())
     whole = sum(len(piece.time) for piece in again.trajectory.fit.pieces)
@@ -100,21 +100,21 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeyp
     assert off[: again.base.rank].max() < 0.5 and off.max() < 1.5
 
 
-@pytest.mark.parametrize(("delay", "factor"), [(0.0, 1.0), (0.03, stages.ROUGHER)])
+@pytest.mark.parametrize(("delay", "factor"), [(0.0, 1.0), (0.03, moves.ROUGHER)])
 def test_smoothness_begins_lower_once_set_up_errors_are_known(delay, factor, monkeypatch):
     """Begun where it was with a person's displaced joints in the residuals, that of the pelvis stayed too high."""
-    ends, begins, fit, converged = [], [], iteration.fit, stages.Stages.converged
+    ends, begins, fit, converged = [], [], iteration.fit, moves.converged
 
     def fitted(measurement, pieces, begin, **how):
         begins.append(begin.noises)
         return fit(measurement, pieces, begin, **how)
 
-    def last(self, estimate):
+    def last(stages, estimate):
         ends.append((estimate.fit.noises, len(begins)))
-        return converged(self, estimate)
+        return converged(stages, estimate)
 
     monkeypatch.setattr(iteration, "fit", fitted)
-    monkeypatch.setattr(stages.Stages, "converged", last)
+    monkeypatch.setattr(moves, "converged", last)
     ident.identify(PENDULUM, faulty(delay=delay))
     ((before, at),) = ends
     np.testing.assert_allclose(before[0].jerk / begins[at][0].jerk, factor)

@@ -3,9 +3,25 @@
 minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
 over spline coefficients c by Gauss-Newton steps, and over parameters θ the same without the third term, along the
-trajectories that minimise all (generalised profiling, `ident.trajectory.algebra.arrow`). After each step, noise and
-smoothness are updated by restricted maximum likelihood (`ident.trajectory.fit.restricted_likelihood`). Ordered by time
-the curvature is banded, with a border for θ; pieces share only θ, so that their precisions add.
+trajectories that minimise all (generalised profiling, `ident.trajectory.algebra.arrow`). Ordered by time the curvature
+is banded, with a border for θ; pieces share only θ, so that their precisions add. After each step, noise and smoothness
+are updated by restricted maximum likelihood:
+
+    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / (c_jᵀ P c_j + 2 / λ_j)
+
+H_m and λ_j P_j are the parts of the curvature H from a stream of measurements and from the jerk's penalty (Wood and
+Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). With 2 / λ_j, the likelihood times the variance 1 / λ_j has its
+maximum (Li and Lahiri, J. Multivariate Analysis 101:882-892, 2010): by itself it is often largest without any motion
+where that is below slow noise, and the motion that is lost is in no interval.
+
+Each stream's noise has constant size, and may be correlated as `x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and
+differences r_k - r_k-1 are uncorrelated with variances v± = 2 σ² (1 ± ρ), which follow by the same update; the
+trajectory absorbs more of the sums:
+
+    v± <- v± · Σ s±² / ((1 ∓ ρ) N / 2 - tr(H⁻¹ H±)),      ρ <- (v+ - v-) / (v+ + v-)
+
+with s± the corresponding halves of innovations (`ident.trajectory.algebra.whitening`) and H± = Σ (∂s±)ᵀ ∂s±. If the fit
+absorbed nothing, this would be Burg's estimate, which is the first ρ where it exceeds chance.
 """
 
 import pickle
@@ -19,14 +35,53 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import joined
-from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit, share
+from ident.trajectory.fit.fitted import TINIEST, Prior, Start, TrajectoryFit, root_of_inverse, share
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
-from ident.trajectory.fit.precision import root_of_inverse
-from ident.trajectory.fit.restricted_likelihood import renewed
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
+
+SETTLED_NOISE = 0.02
+"""Largest last change of the noise, relative for standard deviations."""
+
+SETTLED_EXPLORING = 0.005
+"""Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
+by which knots are chosen."""
+
+SMOOTHEST = 1e7
+"""Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
+reverse steps of resting coordinates."""
+
+SMALLEST_STEP = 1 / 64
+"""Least step length: if it does not lower the cost, no step is taken."""
+
+Report = Callable[[int, float], None]
+"""Callback with the number of each round and its largest step of θ, in standard deviations."""
+
+LEAST_LEFT = 0.05
+"""Least share of a stream's samples that counts as degrees of freedom of its noise."""
+
+MOST_CORRELATED = 0.99
+"""Upper limit of ρ; above it the mean of a channel is practically free."""
+
+CHANCE, WHITE_AGAIN = 2.0, 1.0
+"""Correlations, in standard deviations of that of white noise: the one above which white noise becomes correlated, and
+the one below which correlated noise becomes white again."""
+
+COLOURED_FLOOR = 15.0
+"""Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
+to the channel is no measure of its noise."""
+
+LEAST_MOTION = 2.0
+"""Least degrees of freedom of a coordinate's motion in a recording. Where a joint of a person swings by 1° in noise of
+.5° that lasts, its motion was lost and parameters were off by up to 3.7 s.d. for it, with this by .8."""
+
+ALIKE = 0.1
+"""Least noise of a component relative to the median of its sensor's components in the same unit."""
+
+TINY = 1e-3
+"""Lower limit of numbers of samples."""
 
 
 class Tolerance(NamedTuple):
@@ -45,23 +100,6 @@ SETTLED = Tolerance(0.02, 0.1)
 
 NEAR = Tolerance(0.1, 0.5)
 """Tolerance of fits that only decide: what they decide does not change any more from there on."""
-
-SETTLED_NOISE = 0.02
-"""Largest last change of the noise, relative for standard deviations."""
-
-SETTLED_EXPLORING = 0.005
-"""Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
-by which knots are chosen."""
-
-SMOOTHEST = 1e7
-"""Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
-reverse steps of resting coordinates."""
-
-SMALLEST_STEP = 1 / 64
-"""Least step length: if it does not lower the cost, no step is taken."""
-
-Report = Callable[[int, float], None]
-"""Callback with the number of each round and its largest step of θ, in standard deviations."""
 
 
 def fit(
@@ -106,75 +144,42 @@ def fit(
     Raises:
         ExcitationError: The motion leaves parameters undetermined.
     """
-    every, prior = [np.arange(len(free))] * len(pieces), start.prior or prior
     run = map if executor is None else executor.map
     sent = measurement if executor is None else cast(Measurement, _Sent(measurement))
-    indices = names or measurement.names, selections or every
-    problem = _Problem(sent, pieces, prior, free, *indices, run, coloured, kept, explore, settled)
-    iteration = _Iteration(problem, start)
-    status = iteration.ended(rounds, report)
-    at = iteration.at
+    indices = names or measurement.names, selections or [np.arange(len(free))] * len(pieces)
+    problem = _Problem(sent, pieces, start.prior or prior, free, *indices, run)
+    at, trace, status, root, stalled = start, list[float](), "stopped", None, 0
+    try:
+        for number in range(rounds):
+            parts = problem.linearised(at, np.flatnonzero(free), root)
+            root = problem.root(parts)
+            step = problem.step(at, parts, root)
+            moves = [part.eliminated.step - part.eliminated.by_theta @ step[free] for part in parts]
+            last = (
+                float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)),
+                _motion(pieces, at, moves),
+            )
+            trace.append(last[0])
+            moved, misfits = problem.lower(at, step, moves, parts)
+            stalled = 0 if moved is not at else stalled + 1
+            before, noises = at.noises, problem.renewed(at.noises, parts, misfits, coloured=coloured, kept=kept)
+            at = replace(moved, noises=noises)
+            if report:
+                report(number, last[0])
+            both = list(zip(noises, before, strict=True))
+            if explore and number and all(_noise_converged(*pair) for pair in both):
+                status = "near"
+            elif max(new.change(old) for new, old in both) < SETTLED_NOISE and settled.holds(*last):
+                status = "converged" if SETTLED.holds(*last) else "near"
+            elif stalled > 1:
+                status = "stuck"
+            if status != "stopped":
+                break
+    except KeyboardInterrupt:
+        status = "interrupted"
     wanted = problem.shares(at) if len(free) and (shares or status == "interrupted") else []
-    ended = at.noises, at.coefficients, pieces, tuple(iteration.trace), status
-    return TrajectoryFit(problem.names, problem.selections, prior, at.theta, wanted, free, *ended)
-
-
-class _Iteration:
-    """Gauss-Newton iteration of trajectory and parameters, with the state kept between steps.
-
-    Attributes:
-        at: Current point.
-        trace: Largest step of θ of every round, in standard deviations.
-    """
-
-    def __init__(self, problem: "_Problem", start: Start) -> None:
-        self.at, self.trace, self._problem = start, list[float](), problem
-        self._stalled = 0
-
-    def ended(self, rounds: int, report: Report | None) -> str:
-        """Iterates to the end, and returns the `TrajectoryFit.status`."""
-        fitted, root = np.flatnonzero(self._problem.free), None
-        try:
-            for _ in range(rounds):
-                parts = self._problem.linearised(self.at, fitted, root)
-                root = self._problem.root(parts)
-                status = self._round(parts, root)
-                if report:
-                    report(len(self.trace) - 1, self.trace[-1])
-                if status or self._stalled > 1:
-                    return status or "stuck"
-        except KeyboardInterrupt:
-            return "interrupted"
-        return "stopped"
-
-    def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> str:
-        """Takes one step, and returns `converged` or `near` if the iteration ends, or nothing."""
-        problem, free, at = self._problem, self._problem.free, self.at
-        step = problem.step(at, parts, root)
-        moves = [part.eliminated.step - part.eliminated.by_theta @ step[free] for part in parts]
-        self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
-        moved, misfits = problem.lower(at, step, moves, parts)
-        noises = self._renewed(at.noises, parts, misfits)
-        self._stalled = 0 if moved is not at else self._stalled + 1
-        both = list(zip(noises, at.noises, strict=True))
-        self.at = replace(moved, noises=noises)
-        if problem.explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
-            return "near"
-        changed = max(new.change(old) for new, old in both)
-        last = self.trace[-1], _motion(problem.pieces, at, moves)
-        if not changed < SETTLED_NOISE or not problem.settled.holds(*last):
-            return ""
-        return "converged" if SETTLED.holds(*last) else "near"
-
-    def _renewed(self, before: Sequence[Noise], parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> list[Noise]:
-        """Noise of every recording updated after a step."""
-        out = list[Noise]()
-        for log, old in enumerate(before):
-            own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
-            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._problem.coloured)
-            new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
-            out.append(replace(new, **{name: getattr(old, name) for name in self._problem.kept}))
-        return out
+    ended = at.noises, at.coefficients, pieces, tuple(trace), status
+    return TrajectoryFit(problem.names, problem.selections, problem.prior, at.theta, wanted, free, *ended)
 
 
 class _Sent:
@@ -201,7 +206,7 @@ def _unpacked(packed: bytes) -> Measurement:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Minimisation problem over all pieces, and what `fit` is asked for."""
+    """Minimisation problem over all pieces."""
 
     measurement: Measurement
     pieces: Sequence[Piece]
@@ -210,10 +215,6 @@ class _Problem:
     names: Sequence[str]
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
-    coloured: bool
-    kept: Collection[str]
-    explore: bool
-    settled: Tolerance
 
     def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None) -> list[Linearised]:
         """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
@@ -249,11 +250,26 @@ class _Problem:
         step[self.free] = root @ (root.T @ gradient)
         return step
 
-    def smoothest(self, noise: Noise, log: int) -> np.ndarray:
-        """Largest λ of a recording for which the equations can be solved (n,): at rest it would be infinite."""
-        own = [piece for piece in self.pieces if piece.log == log]
-        scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in own]
-        return SMOOTHEST * min(scales) / noise.states**2
+    def renewed(
+        self,
+        before: Sequence[Noise],
+        parts: Sequence[Linearised],
+        misfits: Sequence[Misfit],
+        *,
+        coloured: bool,
+        kept: Collection[str],
+    ) -> list[Noise]:
+        """Noise of every recording updated after a step."""
+        out = list[Noise]()
+        for log, old in enumerate(before):
+            own = [k for k, piece in enumerate(self.pieces) if piece.log == log]
+            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=coloured)
+            # A larger λ, infinite at rest, would leave equations that cannot be solved.
+            splines = [(self.pieces[k].spline, self.pieces[k].time) for k in own]
+            scale = min(spline.step**6 * len(time) / float(np.ptp(time)) for spline, time in splines)
+            new = replace(new, jerk=np.minimum(new.jerk, SMOOTHEST * scale / new.states**2))
+            out.append(replace(new, **{name: getattr(old, name) for name in kept}))
+        return out
 
     def lower(
         self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
@@ -320,3 +336,57 @@ def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> 
 def _noise_converged(noise: Noise, before: Noise) -> bool:
     """True if the geometric mean of the channels' noise has converged."""
     return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
+
+
+def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit], *, coloured: bool) -> Noise:
+    """Noise after restricted-likelihood updates of standard deviations, smoothness and, if requested, correlation.
+
+    Args:
+        noise: Noise before.
+        parts: Linearised pieces at the last iterate.
+        misfits: Misfits of the pieces after the step; those before it still reflect the old noise.
+        coloured: True to update the correlation.
+    """
+    taken, held = (np.sum([getattr(part, k) for part in parts], axis=0) for k in ("taken", "held"))
+    squares, number, bends, rank = (
+        np.sum([getattr(each, k) for each in misfits], axis=0) for k in ("squares", "number", "bends", "rank")
+    )
+    left = np.maximum(number - taken, np.maximum(LEAST_LEFT * number, TINY))
+    growth = np.where(number > 0, squares / left, 1.0)
+    states = len(noise.states)
+    of_states, of_channels = growth[:, :states], growth[:, states:]
+    floors = _floors(noise)
+    new = {
+        "states": np.maximum(noise.states * np.sqrt(of_states[0]), floors["states"]),
+        "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floors["channels"]),
+        "jerk": np.maximum(rank - held, TINY) / (bends + LEAST_MOTION / noise.jerk),
+    }
+    if coloured:
+        linked = number[1:].sum(axis=0)
+        new["states_rho"] = _correlation(noise.states_rho, of_states[1:], linked[:states])
+        new["channels_rho"] = _correlation(noise.channels_rho, of_channels[1:], linked[states:])
+    return replace(noise, **new)
+
+
+def _floors(noise: Noise) -> dict[str, np.ndarray]:
+    """Smallest standard deviations of states and channels after an update."""
+    channels = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
+    for group in set(noise.alike):
+        own = np.array(noise.alike) == group
+        channels[own] = np.maximum(channels[own], ALIKE * np.median(noise.channels[own]))
+    return {"states": noise.floor_states, "channels": channels}
+
+
+def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:
+    """Updated ρ from the factors by which the variances of sums and differences change.
+
+    Args:
+        rho: ρ before (…).
+        growth: Factors (2, …) on the variances, which were as 1 + ρ to 1 - ρ.
+        linked: Number of samples that follow another one (…).
+    """
+    sums, differences = growth[0] * (1 + rho), growth[1] * (1 - rho)
+    # Both are zero for a residual of zero.
+    new = (sums - differences) / np.maximum(sums + differences, TINIEST)
+    white = new < np.where(rho == 0, CHANCE, WHITE_AGAIN) / np.sqrt(np.maximum(linked, 1))
+    return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))

@@ -24,8 +24,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autocovariance
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.rows import TOGETHER
-from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.precision import embedded, root_of_inverse
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, embedded, root_of_inverse
 from ident.trajectory.fit.response import Response, Stream, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
@@ -61,8 +60,6 @@ SHOWN = 0.3
 AT_FLOOR = 1.01
 """Noise over its floor up to which it cannot be estimated from the stream's residual: an arm's intervals, in noise that
 walks, hold in 88 instead of 94 % without."""
-
-TINIEST = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +109,11 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
     times = np.append(0.0, shortest * FACTOR ** np.arange(number))
     kinds = [stream.by_row is not None for stream in streams]
     total = root.T @ (fit.precision - fit.prior.precision) @ root
-    bands = {k: [_Bands.of(stream, edges, times) for stream in here.streams] for k, here in responses.items()}
     parts = {
-        k: [_Absorbed.of(here, which, root[fit.selections[k]], own) for which, own in enumerate(bands[k])]
+        k: [
+            _Absorbed.of(here, which, root[fit.selections[k]], _Bands.of(stream, edges, times))
+            for which, stream in enumerate(here.streams)
+        ]
         for k, here in responses.items()
     }
     share = sum(len(piece.when) for piece in fit.pieces) / sum(len(fit.pieces[k].when) for k in responses)
@@ -126,12 +125,12 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
     for k, here in responses.items():
         followed = here.followed(np.sqrt(edges[1:] * edges[:-1]))
         for which, kind in enumerate(kinds):
-            own_bands, own = bands[k][which], parts[k][which]
-            h = followed[which][:, own_bands.band]
+            own = parts[k][which]
+            h = followed[which][:, own.bands.band]
             *effects, of_others = own.effect(np.stack([*pulls[kind], total - pulls[kind][0]]))
-            left = own_bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * own.taken + effects
-            other = own_bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
-            every = np.stack([own_bands.observed, own_bands.summed(np.ones_like(h[0]))[0], other, *left])
+            left = own.bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * own.taken + effects
+            other = own.bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
+            every = np.stack([own.bands.observed, own.bands.summed(np.ones_like(h[0]))[0], other, *left])
             spectra[which] = spectra[which] + np.maximum(every, 0).transpose(2, 0, 1)
     white = np.eye(len(times))[:, :1]
     amplitudes = [np.array([_amplitudes(*each) for each in own]).T for own in spectra]
@@ -186,7 +185,7 @@ class _Bands(NamedTuple):
         kinds = 2 * np.fft.rfft(pairs * np.exp(-lag * step / times[1:]), axis=0).real - pairs[0]
         kinds = np.vstack([np.ones(len(band)), kinds.T])
         matrix = (band == np.arange(BANDS)[:, None]).astype(float)
-        signal = taper(N)[:, None] * stream.residual * stream.clear / stream.std
+        signal = taper(N)[:, None] * stream.new.residual * stream.clear / stream.std
         observed = matrix @ np.abs(np.fft.rfft(signal, axis=0)) ** 2 / N
         return cls(frequency, band, matrix, kinds, (stream.clear**2).mean(axis=0), observed)
 
@@ -214,13 +213,13 @@ class _Absorbed(NamedTuple):
     def of(cls, here: Response, which: int, root: np.ndarray, bands: _Bands) -> "_Absorbed":
         """That of a stream of a response, with a root of the covariance of θ (p, q)."""
         stream = here.streams[which]
-        (N, s), q, number = stream.residual.shape, root.shape[1], len(bands.band)
+        (N, s), q, number = stream.new.residual.shape, root.shape[1], len(bands.band)
         window, clear = taper(N)[:, None, None], (stream.clear / stream.std)[..., None]
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
         explained, across, sums = np.empty((number, s, q), complex), np.empty((number, s)), np.zeros((BANDS, q, q))
         for some, own in here.blocks(which, root):
-            weighted = stream.weights(own, some) * stream.std[some, None]
+            weighted = stream.weighted(own, some) * stream.std[some, None]
             signals = window * clear[:, some] * own, window * weighted, weighted
             explained[:, some], tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
             across[:, some] = np.einsum("fsq,fsq->fs", explained[:, some], tapered.conj()).real

@@ -9,9 +9,8 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.setup import Shift
-from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.algebra.rows import NODES, TURNED, WORTH_IT, Nodes
+from ident.trajectory.algebra.spline import Sampling, Spline
 
 
 @dataclass(frozen=True, eq=False)

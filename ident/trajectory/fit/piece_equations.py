@@ -7,12 +7,9 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.estimation.recorded_motion import WIDTH
-from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
-from ident.trajectory.algebra.groups import Group, channel_groups, components
-from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
-from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import ORDER, Local, Spline
+from ident.trajectory.algebra.arrow import Arrow, Eliminated, Group, Posterior, channel_groups, components, joined
+from ident.trajectory.algebra.rows import NODES, ChannelRows, Factors, NodeRows, Nodes, StateRows
+from ident.trajectory.algebra.spline import ORDER, Local, Sampling, Spline
 from ident.trajectory.algebra.whitening import Innovations, innovations
 from ident.trajectory.fit.piece import Noise, Piece, Point, clocks, residual_of_coordinates
 

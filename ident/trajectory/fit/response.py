@@ -24,10 +24,8 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
-from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.rows import TOGETHER
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
+from ident.trajectory.algebra.rows import TOGETHER, Nodes
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.piece_equations import normal_equations
@@ -42,35 +40,6 @@ motion than those of any time do: by its mean derivatives, a trajectory of three
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
-    """Weights of streams: products with the inverse of the noise covariance assumed by the fit.
-
-    Attributes:
-        scale: Factors of innovations (N, s).
-        rho: Part of the preceding sample that innovations subtract (N, s).
-    """
-
-    scale: np.ndarray
-    rho: np.ndarray
-
-    @classmethod
-    def of(cls, new: Innovations) -> "Weights":
-        """Weights of a fit's innovations."""
-        return cls(new.there * np.sqrt(new.weight) / new.std, new.rho)
-
-    def __call__(self, x: np.ndarray, some: slice = slice(None)) -> np.ndarray:
-        """Weighted signals (N, s, k) of some streams."""
-        squares, rho = self.scale[:, some, None] ** 2, self.rho[:, some, None]
-        z = squares * x
-        if not rho.any():
-            return z
-        z[1:] -= squares[1:] * rho[1:] * x[:-1]
-        # Innovations times the transposed matrix of the differences that they are.
-        z[:-1] -= rho[1:] * z[1:]
-        return z
-
-
-@dataclass(frozen=True, eq=False)
 class Stream:
     """Signals measured at the same times: coordinates, or channels that share a clock.
 
@@ -78,10 +47,7 @@ class Stream:
         time: Sample times, s (N,).
         at: Spline functions at samples or nodes.
         nodes: Nodes at which channels are evaluated, None for the samples.
-        weights: Weights of the samples.
-        residual: Residuals, zero where a sample is missing (N, s).
-        clear: Weights of the samples from which noise is estimated, zero for others: those of outliers in the fit, as
-            the score has these (N, s).
+        new: Their innovations.
         std: Standard deviations of the noise assumed by the fit (s,).
         slack: Standard deviations of the error in addition to noise (N, s), None for none.
         by_row: Derivatives of channels by coordinates and their derivatives, at M samples or nodes (M, s, 3 n), and by
@@ -91,9 +57,7 @@ class Stream:
     time: np.ndarray
     at: Sampling
     nodes: Nodes | None
-    weights: Weights
-    residual: np.ndarray
-    clear: np.ndarray
+    new: Innovations
     std: np.ndarray
     slack: np.ndarray | None
     by_row: tuple[np.ndarray, np.ndarray] | None = None
@@ -108,14 +72,35 @@ class Stream:
         assert self.by_row is not None
         return self.at_samples(self.by_row[0])
 
+    @cached_property
+    def clear(self) -> np.ndarray:
+        """Weights of the samples from which noise is estimated, zero for others: those in the fit, as the score's."""
+        return np.asarray((self.new.there & (self.new.clarity > CLEAR)) * self.new.weight)
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Factors of innovations (N, s)."""
+        return np.asarray(self.new.there * np.sqrt(self.new.weight) / self.new.std)
+
+    def weighted(self, x: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+        """Products of signals (N, s, k) with the inverse of the noise covariance assumed by the fit."""
+        squares, rho = self.scale[:, some, None] ** 2, self.new.rho[:, some, None]
+        z = squares * x
+        if not rho.any():
+            return z
+        z[1:] -= squares[1:] * rho[1:] * x[:-1]
+        # Innovations times the transposed matrix of the differences that they are.
+        z[:-1] -= rho[1:] * z[1:]
+        return z
+
     @property
     def step(self) -> float:
         """Time between samples, s."""
         return float(np.median(np.diff(self.time)))
 
     def weight(self, omega: np.ndarray) -> np.ndarray:
-        """Weights of noise of some frequencies, rad/s (F,), relative to `weights.scale` squared (F, s)."""
-        return np.asarray(np.abs(1 - np.exp(-1j * self.step * omega)[:, None] * self.weights.rho.max(axis=0)) ** 2)
+        """Weights of noise of some frequencies, rad/s (F,), relative to `scale` squared (F, s)."""
+        return np.asarray(np.abs(1 - np.exp(-1j * self.step * omega)[:, None] * self.new.rho.max(axis=0)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +160,7 @@ class Response:
 
     def blocks(self, which: int, root: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
         """Yields a few signals of a stream at a time and their `rows` (N, c, q), which stay in the cache."""
-        N, number = self.streams[which].residual.shape
+        N, number = self.streams[which].new.residual.shape
         size = max(1, 4 * TOGETHER // (8 * N * self._moves.shape[2]))
         every = None if self.streams[which].by_row is None else self.rows(which, root=root)
         for some in (slice(k, k + size) for k in range(0, number, size)):
@@ -204,7 +189,7 @@ class Response:
         every = []
         for stream in self.streams:
             inside = (stream.time >= first) & (stream.time < last)
-            scale, weight = stream.weights.scale[inside], stream.weight(omega)
+            scale, weight = stream.scale[inside], stream.weight(omega)
             if stream.by_row is None:
                 own = weight * (scale**2).sum(axis=0)
                 information += own[:, None] * np.eye(n)
@@ -226,20 +211,13 @@ class Response:
 
 def response(measurement: Measurement, point: Point) -> Response:
     """Linear response of a piece at an estimate, with all entries of θ as columns."""
-    equations, piece, noise = (
-        normal_equations(measurement, point, np.arange(len(point.theta))),
-        point.piece,
-        point.noise,
-    )
-    streams = [Stream(piece.time, piece.at_coordinates, None, *_of(equations.states), noise.states, None)]
+    piece, noise = point.piece, point.noise
+    equations = normal_equations(measurement, point, np.arange(len(point.theta)))
+    streams = [Stream(piece.time, piece.at_coordinates, None, equations.states, noise.states, None)]
     for each in equations.channels:
         at = each.at if each.nodes is None else each.nodes.sampling
         std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
         by_states, by_theta = each.by_sample
         by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
-        streams.append(Stream(piece.when, at, each.nodes, *_of(each.new), std, slack, by_row))
+        streams.append(Stream(piece.when, at, each.nodes, each.new, std, slack, by_row))
     return Response(streams, dict(measurement.zeros), equations.eliminated, piece.spline, noise.jerk)
-
-
-def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:
-    return Weights.of(new), new.residual, (new.there & (new.clarity > CLEAR)) * new.weight

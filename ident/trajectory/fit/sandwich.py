@@ -25,10 +25,6 @@ from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, resp
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
-LITTLE = 0.01
-"""Correlation up to which rows are taken as alike in all periods, without sums: chance makes that of 10,000 samples,
-and sums of long recordings take much memory."""
-
 ALL = -1
 """Index of what repeats in all recordings of a motion, beside those of recordings."""
 
@@ -59,11 +55,11 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         motion = again.motion
         first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
         # A share of the pieces has few partners one period later: its rows, too, are taken as alike in all periods.
-        summed = every & (motion.correlation[0] > LITTLE)
+        summed = every & (motion.correlation[0] > 0)
         alone = np.where(summed, 1 - motion.correlation[0], motion.factor)
         for which, stream in enumerate(here.streams):
             for some, rows in here.blocks(which):
-                pulls = stream.weights(rows, some)
+                pulls = stream.weighted(rows, some)
                 if stream.slack is not None:
                     loose = stacked(stream.slack[:, some, None] * pulls)
                     scatter += loose.T @ loose

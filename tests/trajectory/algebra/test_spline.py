@@ -8,7 +8,7 @@ from measurements import random_measurement
 from scipy.interpolate import BSpline
 
 from ident.trajectory.algebra.banded import WINDOW, Banded
-from ident.trajectory.algebra.nodes import NODES, WORTH_IT, lagrange
+from ident.trajectory.algebra.rows import NODES, WORTH_IT, lagrange
 from ident.trajectory.algebra.spline import DEGREE, LOCAL, ORDER, Spline
 from ident.trajectory.fit import piece as piece_module
 from ident.trajectory.fit.piece import Noise, Piece, Point

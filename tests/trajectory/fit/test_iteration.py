@@ -11,7 +11,6 @@ from scipy.optimize import lsq_linear
 
 from ident.estimation.preparation import Part, prepared
 from ident.trajectory import stages
-from ident.trajectory.bounded_fits import with_positive
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
@@ -78,26 +77,6 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("step", "loss", "legs"), [(0.5, 0.1, [5]), (0.5, -0.1, [5, 15]), (5.0, 0.3, [5, 15]), (5.0, 1.0, [5])]
-)
-def test_correlated_noise_is_given_up_once_it_settles_or_predicts_far_worse(monkeypatch, step, loss, legs):
-    rounds, usual = [], estimate()
-
-    def refitted(_, known, **how):
-        rounds.append(how["rounds"])
-        return known.with_fit(replace(known.fit, status="stopped", trace=(step,)))
-
-    def better(usual, _, other, margin=0.03):
-        tried = other()
-        return tried if loss < -margin else usual
-
-    monkeypatch.setattr(stages.Stages, "refitted", refitted)
-    monkeypatch.setattr(stages, "better", better)
-    chosen = stages.Stages._coloured(object.__new__(stages.Stages), usual)
-    assert rounds == legs and chosen.coloured == (loss < 0)
-
-
 def test_drives_are_those_of_non_negative_least_squares():
     """Columns are correlated, so that drives that are negative together need not be negative one by one."""
     P, none, freed = 6, np.zeros(0), 0
@@ -116,7 +95,7 @@ def test_drives_are_those_of_non_negative_least_squares():
             share, prior = (A.T @ A, A.T @ (y - A @ theta)), Prior(np.zeros(P), np.zeros((P, P)))
             return TrajectoryFit([*"abcdef"], [], prior, theta, [share], free, [noise], [], [], (), "converged")
 
-        fit = with_positive(solve, drives, Start(np.zeros(P), [noise], []), np.ones(P, bool), 10)
+        fit = stages.with_positive(solve, drives, Start(np.zeros(P), [noise], []), np.ones(P, bool), 10)
         best = lsq_linear(A, y, bounds=(np.where(drives, 0.0, -np.inf), np.inf), tol=1e-12)
         assert (fit.theta[drives] >= 0).all()
         np.testing.assert_array_equal(fit.bounded, drives & (fit.theta == 0))

@@ -9,13 +9,12 @@ from closeness import close
 from measurements import at, random_measurement, random_point
 
 from ident.estimation.measurement import Measurement
-from ident.trajectory.algebra import groups
-from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
-from ident.trajectory.algebra.whitening import HUBER
+from ident.trajectory.algebra import arrow
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline
+from ident.trajectory.algebra.whitening import HUBER, innovations
 from ident.trajectory.fit.piece import Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
-from ident.trajectory.fit.response import Response, Stream, Weights, response
+from ident.trajectory.fit.response import Response, Stream, response
 
 
 @dataclass(eq=False)
@@ -181,7 +180,7 @@ def test_rows_and_motion_of_a_response_give_the_right_side_of_theta(seed):
     here, penalty = response(own.measurement, own.at), own.penalty[0]
     right = here.smoothed.T @ penalty @ own.c
     for k, stream in enumerate(here.streams):
-        right += np.einsum("ns,nsp->p", stream.residual, stream.weights(here.rows(k)))
+        right += np.einsum("ns,nsp->p", stream.new.residual, stream.weighted(here.rows(k)))
     close(right, own.eliminated.gradient, 1e-7)
     close(here.scatter_of_motion, here.smoothed.T @ penalty @ here.smoothed, 1e-7)
 
@@ -198,10 +197,12 @@ def test_a_trajectory_follows_what_elimination_says(inertia):
     )
     rows = functions[0], inertia * functions[2]
     turned = inertia[..., None] * [0.0, 0.0, 1.0], np.zeros((samples, 1, 0))
-    none, scales = np.zeros((samples, 1)), [np.full((samples, 1), 1 / each) for each in std]
+    none, single = np.zeros((samples, 1)), [std[k : k + 1] for k in range(len(std))]
     streams = [
-        Stream(every, local, None, Weights(scale, none), none, scale > 0, std[k : k + 1], None, *(k * (turned,)))
-        for k, scale in enumerate(scales)
+        Stream(
+            every, local, None, innovations(none, local.local.interval, own, np.zeros(1)), own, None, *(k * (turned,))
+        )
+        for k, own in enumerate(single)
     ]
     A = jerk * (spline.roots.T @ spline.roots).toarray() + sum(x.T @ x / s**2 for x, s in zip(rows, std, strict=True))
     frequency = np.array([1.0, 1.5, 2.0, 3.0])
@@ -263,13 +264,13 @@ def test_channels_grouped_by_what_they_depend_on_give_what_all_at_once_give(kind
         return {name: value for name, value in every.items() if name not in ("eliminated", "factors")}
 
     def forget():
-        groups._groups.cache_clear()
-        groups._components.cache_clear()
+        arrow._groups.cache_clear()
+        arrow._components.cache_clear()
 
     expected, usual = arrays(Dense(m)), arrays(m)
     with monkeypatch.context() as patched:
         for name in ("CALLED", "CALLED_OF_COMPONENT", "MOVED"):
-            patched.setattr(groups, name, 0.0)
+            patched.setattr(arrow, name, 0.0)
         forget()
         split = arrays(m)
     forget()

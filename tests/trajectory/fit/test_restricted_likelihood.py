@@ -12,10 +12,9 @@ from ident.trajectory.algebra import whitening
 from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.iteration import fit
+from ident.trajectory.fit.iteration import LEAST_MOTION, fit, renewed
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
-from ident.trajectory.fit.restricted_likelihood import LEAST_MOTION, renewed
 from ident.trajectory.start import COORDINATES, smoothed
 
 STEP = 0.02

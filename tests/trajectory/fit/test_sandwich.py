@@ -43,7 +43,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
     times = [first + STEP * np.arange(50) for first in (0.0, start)]
     streams = [
-        SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
+        SimpleNamespace(weighted=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
         for time in times
     ]
     responses = iter(
@@ -95,7 +95,7 @@ def test_spectra_are_those_of_noise_that_was_drawn_without_its_slowest_part():
     time, one = 0.02 * np.arange(number), np.ones((number, len(drawn[0])))
     slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, number), 3)
     left = drawn - slow @ np.linalg.lstsq(slow, drawn, rcond=None)[0]
-    stream = SimpleNamespace(time=time, step=0.02, residual=left, clear=one > 0, std=one[0])
+    stream = SimpleNamespace(time=time, step=0.02, new=SimpleNamespace(residual=left), clear=one > 0, std=one[0])
     bands = _Bands.of(stream, np.geomspace(0.2, 25, 25), np.array([0, -0.02 / np.log(0.95)]))
     fast = bands.summed(one[: len(bands.frequency)])[1, 10:]
     assert bands.observed[10:].mean(axis=1) == pytest.approx(fast[:, 0], rel=0.05)
