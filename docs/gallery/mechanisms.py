@@ -11,7 +11,7 @@ import numpy as np
 import multicontact as mc
 from ident.recordings.stated import model_servo
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.commanded import rolled_out
+from sim.simulation.stepped import rolled_out
 
 # ## A held double pendulum
 #

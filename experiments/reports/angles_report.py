@@ -15,8 +15,7 @@ from experiments.document.writer import Document, Plot, sentences
 from experiments.studies.marker_angles import Angles
 from ident.display.plots import Figure
 from ident.files.atomic import save_arrays
-from sim.markers.lengths import Scaling
-from sim.markers.model_files import write_scaled
+from sim.markers.lengths import Scaling, write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.notes import joint_name
 

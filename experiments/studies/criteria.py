@@ -19,9 +19,9 @@ from ident.errors import InputError, ModelError
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import known_rows
 from sim.motion.collisions import Collisions
+from sim.motion.excitation import FourierTrajectory
 from sim.motion.excitation_design import (
     Cost,
-    FourierTrajectory,
     Limits,
     States,
     design,

@@ -20,8 +20,8 @@ from ident.recordings.recording import STATES, Recording
 from ident.recordings.smoothing import settling
 from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions, reachable
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import FourierTrajectory, Limits
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory
+from sim.motion.excitation_design import Limits
 from sim.simulation.simulate import LONGEST, RATE
 
 PER_PERIOD = 10

@@ -12,11 +12,10 @@ from ident.files.markers import Markers
 from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
-from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
-from sim.markers.model_files import Settings, read_settings
+from sim.markers.marked_model import MarkedModel, Settings, base_of, marked_model, marked_positions, read_settings
 from sim.markers.trial_fit import Postures, check_fit, fit_trial
 from sim.markers.trial_recording import Swap, recording, swaps
-from sim.models.opensim.reading import is_opensim
+from sim.models.opensim_model import is_opensim
 
 
 @dataclass(frozen=True)

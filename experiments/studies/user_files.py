@@ -23,7 +23,7 @@ from ident.recordings.several_clocks import files_of
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
-from sim.simulation.commanded import rolled_out
+from sim.simulation.stepped import rolled_out
 
 MARKERS = ".trc"
 """Suffix of files that hold only markers."""

@@ -34,8 +34,7 @@ from sim.models.model_drives import bodies_of, changed_drives, changed_servos, s
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.notes import body_name, refusals
-from sim.models.opensim.reading import OpenSimOrigin, is_opensim
-from sim.models.opensim.writing import write_opensim
+from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import updated_urdf
 from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of

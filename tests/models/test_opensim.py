@@ -17,7 +17,7 @@ import sim
 from ident.errors import ModelError
 from ident.model.regressor import joint_torque_regressor
 from sim.models.notes import ModelNote
-from sim.models.opensim.elements import CLOSE, curve
+from sim.models.opensim_elements import CLOSE, curve
 
 DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]

@@ -14,10 +14,9 @@ from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
-from sim.models.model_mechanism import mechanism
+from sim.models.model_mechanism import mechanism, shapes
 from sim.models.model_update import updated_spec, write_model
 from sim.models.notes import ModelNote
-from sim.models.shapes import shapes
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'

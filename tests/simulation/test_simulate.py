@@ -21,9 +21,9 @@ from ident.recordings.faults import with_servos
 from ident.setup import PRIORS
 from sim.models.notes import body_name
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.simulation.commanded import rolled_out
 from sim.simulation.readings import COMMAND, ONE_DOF, STATE, sensors
 from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, moved_by, servos, simulate, simulate_many
+from sim.simulation.stepped import rolled_out
 
 TILT = {"tilt_deg": 5, "azimuth_deg": 120}
 JOINTS = ["joint1", "joint2"]

@@ -18,8 +18,8 @@ from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions, Walls, reachable
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import FourierTrajectory, Limits, _Search, design, random_start, scaled_into
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory
+from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 TIME = np.arange(943) / 100

@@ -1,26 +1,39 @@
-"""Mechanisms from OpenSim files, with springs as drives."""
+"""Mechanisms from OpenSim files, with springs as drives, and files with other inertias and places of joints."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.arguments import checked_coordinates
-from ident.errors import ModelError, about
-from ident.geometry.inertia import parameters_from_com, symmetric
+from ident.display.bodies import INTERVALS
+from ident.errors import InputError, ModelError, about
+from ident.files.atomic import replacing
+from ident.geometry.inertia import entries, parameters_from_com, symmetric
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
-from sim.models.inertials import is_balanced
+from sim.models.inertials import Update, differs, is_balanced, is_physical, stated_parts
 from sim.models.notes import note
-from sim.models.opensim.elements import Frames, flag, label, markers, model_element, number, numbers, objects, text
-from sim.models.opensim.joints import point_constraints
-from sim.models.opensim.skeleton import Skeleton
-from sim.models.xml_files import parsed
+from sim.models.opensim_elements import (
+    Frames,
+    flag,
+    label,
+    markers,
+    model_element,
+    number,
+    numbers,
+    objects,
+    offset,
+    text,
+)
+from sim.models.opensim_joints import Link, links_in_order, point_constraints
+from sim.models.opensim_skeleton import Skeleton
+from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of
 
 
 def drives_of_coordinates(model: ET.Element, skeleton: Skeleton, tree: Tree) -> dict[str, Drive]:
@@ -206,3 +219,88 @@ def _note_inertias(frames: Frames, bodies: Sequence[str]) -> None:
             odd.append(name)
     if odd:
         note(f"The inertia stated for {', '.join(odd)} is taken as it is, but no rigid body has it (A + B < C).")
+
+
+def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
+    """Writes the file of a mechanism with other inertial parameters, and perhaps other places of joints.
+
+    Args:
+        path: File to write; its folder must exist.
+        mechanism: The mechanism, from an OpenSim file.
+        update: Its new values; drives stay as they are.
+
+    Raises:
+        ModelError: A joint has no offset frame to displace, or the file is in UTF-16 or UTF-32, has elements in
+            entities, or does not read back as φ.
+        InputError: φ does not fit the bodies, one is not physical, or the path does not end in `.osim`.
+    """
+    origin: OpenSimOrigin = mechanism.source
+    if path.suffix.lower() != ".osim":
+        raise InputError(f"An OpenSim model is written as an OpenSim file; write '{path.stem}.osim' instead.")
+    file = ModelFile(origin.path, text_of(origin.path))
+    model = model_element(origin.path, file.root)
+    frames = Frames(model)
+    before = frames.bodies
+    names, phi = mechanism.bodies, update.phi
+    if phi.shape != (10 * len(names),) or not np.isfinite(phi).all() or not set(names) <= set(before):
+        raise InputError(
+            f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, welds kept, got {phi.shape}."
+        )
+    new = dict(zip(names, phi.reshape(-1, 10), strict=True))
+    changed = {name: own for name, own in new.items() if differs(own, body_parameters(before[name]))}
+    for name, own in changed.items():
+        if own.any() and not is_physical(own):
+            raise InputError(f"The parameters of '{name}' are not those of a physical body.")
+        _state(before[name], own, short=name in update.comments)
+    for name in changed.keys() | update.comments.keys():
+        set_comment(before[name], INTERVALS, update.comments.get(name, ""))
+    links = {link.child.body: link for link in links_in_order(model, frames)} if update.displaced else {}
+    for name, shift in update.displaced.items():
+        _displace(origin.path, links[name], shift)
+    with replacing(path) as temporary:
+        temporary.write_bytes(file.changed())
+        after = Frames(model_element(temporary, parsed(temporary))).bodies
+        for name, own in new.items():
+            if abs(body_parameters(after[name]) - own).max() > update.tolerance * abs(own).max():
+                raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
+
+
+def _displace(path: Path, link: Link, shift: np.ndarray) -> None:
+    """Displaces a joint in the frame of the body that it is on."""
+    frame = text(link.joint, "socket_parent_frame").rpartition("/")[2]
+    offsets = [each for each in link.joint.iterfind("frames/PhysicalOffsetFrame") if each.get("name") == frame]
+    places = [(link.joint, "location_in_parent", "orientation_in_parent")]
+    for place in (*places, *((each, "translation", "orientation") for each in offsets)):
+        element, position, _ = place
+        if (stated := element.find(position)) is not None:
+            own = offset(*place)
+            _set(stated, own[:3, 3] + own[:3, :3] @ link.parent.pose[:3, :3].T @ shift)
+            return
+    body = link.child.body
+    raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
+
+
+def _state(body: ET.Element, phi: np.ndarray, *, short: bool) -> None:
+    """States the φ of a body, perhaps with short numbers."""
+    mass, center, inertia = stated_parts(phi, short=short)
+    numbers: dict[str, Iterable[float]] = {"mass": [mass], "mass_center": center}
+    if body.find("inertia") is not None or not any(body.find(f"inertia_{key}") is not None for key in MOMENTS):
+        numbers["inertia"] = entries(inertia)
+    else:
+        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries(inertia), strict=True)}
+    missing = 0
+    for tag, values in numbers.items():
+        element = body.find(tag)
+        if element is None:
+            element = ET.Element(tag)
+            body.insert(missing, element)
+            missing += 1
+        _set(element, values)
+
+
+def _set(element: ET.Element, values: Iterable[float]) -> None:
+    """Sets the numbers in an element; comments between them go if they change."""
+    stated, new = element.text, restated(element.text, values)
+    if new.split() != (stated or "").split():
+        element[:] = []
+        element.text = new

@@ -11,8 +11,8 @@ from ident.geometry import se3
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.tree import Tree
 from sim.models.notes import note
-from sim.models.opensim.elements import GROUND, Frames
-from sim.models.opensim.joints import (
+from sim.models.opensim_elements import GROUND, Frames
+from sim.models.opensim_joints import (
     Coordinate,
     Dependence,
     ElementaryMotion,
