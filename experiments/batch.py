@@ -21,7 +21,7 @@ from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch_outcomes import LogAgreement, LogOutcome
+    from experiments.data.comparison import LogAgreement, LogOutcome
     from experiments.runs.workers import Checkpoint, Workers
     from ident.mechanism.mechanism import Mechanism
 
@@ -37,7 +37,7 @@ MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns
 
 def run(args: argparse.Namespace) -> None:
     """Identifies every log, and writes and prints a table of all."""
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from experiments.document.result_folder import check_inputs, provenance, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
@@ -129,8 +129,7 @@ def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[LogOut
     Raises:
         InputError: The results of a log are damaged.
     """
-    from experiments.data.batch_outcomes import agreement
-    from experiments.data.comparison import covariance_of
+    from experiments.data.comparison import agreement, covariance_of
 
     fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
     covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
@@ -155,7 +154,7 @@ def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any])
     Raises:
         InputError: They are damaged, or not of these tasks.
     """
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from ident.annotations import misfit
 
     if len(outcomes) > len(tasks):
@@ -201,7 +200,7 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
     Raises:
         FullDiskError: Results of no log can be written.
     """
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from experiments.document.writer import written
     from experiments.reports import identify_report
 

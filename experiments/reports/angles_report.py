@@ -12,7 +12,7 @@ from experiments.document import tabular
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.writer import Document, Plot, sentences
-from experiments.studies.marker_angles import Angles
+from experiments.studies.user_files import Angles
 from ident.display.plots import Figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling, write_scaled

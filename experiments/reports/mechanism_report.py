@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from experiments.data import paper
+from experiments.data.paper import Drawing
 from experiments.document import tabular
 from experiments.document.figures import empty_figure
 from experiments.document.writer import Document, Plot
-from experiments.studies.pendulum_drawn import Drawing
 from ident.display.plots import Axes, Figure
 from ident.mechanism.tree import Tree
 

@@ -16,16 +16,16 @@ from experiments.data import paper
 from experiments.document.figures import SHEET
 from experiments.reports import mechanism_report
 from experiments.runs import workers
-from experiments.studies import pendulum_drawn, person_on_plates
+from experiments.studies import person_on_plates
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
-DRAWING = pendulum_drawn.drawing()
+DRAWING = paper.drawing()
 
 
 def test_figure_1_is_drawn_from_the_scene():
-    q1, q2 = pendulum_drawn.DRAWN_AT
+    q1, q2 = paper.DRAWN_AT
     elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
     np.testing.assert_allclose(DRAWING.poses[2][:3, 3], elbow, atol=1e-12)
     end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
@@ -48,10 +48,10 @@ def test_table_2_is_that_of_the_paper():
 
 
 def test_table_1_as_printed_is_the_double_pendulum():
-    tree = pendulum_drawn.tree_of_table_1(DRAWING.base, 0.425)
+    tree = paper.tree_of_table_1(DRAWING.base, 0.425)
     assert tree.names == ("2", "6", "10") and tree.joints == ("4", "8")
-    assert pendulum_drawn.difference(tree, double_pendulum(base=DRAWING.base)) < 1e-14
-    assert pendulum_drawn.difference(pendulum_drawn.tree_of_table_1(np.zeros(3), 0.4), DRAWING.tree) > 0.01
+    assert paper.difference(tree, double_pendulum(base=DRAWING.base)) < 1e-14
+    assert paper.difference(paper.tree_of_table_1(np.zeros(3), 0.4), DRAWING.tree) > 0.01
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
