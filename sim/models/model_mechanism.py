@@ -65,7 +65,6 @@ def mechanism(
     base: str | None = None,
     beyond: Sequence[str] = BEYOND,
     *,
-    merge_welds: bool = False,
     ignore: Collection[str] = (),
     fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     packages: Sequence[str | Path] = (),
@@ -78,7 +77,6 @@ def mechanism(
         source: The model; it is compiled once. OpenSim files, which end in `.osim`, are read without MuJoCo.
         base: Name of the body whose frame is {0}, as for `tree_from_model`; so are all other arguments.
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
-        merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
@@ -106,7 +104,7 @@ def mechanism(
         arm = _from_mujoco(origin, ignore, checked_coordinates("fix", () if fix is None else fix), drives=drives)
     arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
     note_units(arm)
-    return _with_merged_welds(arm) if merge_welds else arm
+    return arm
 
 
 def _from_mujoco(
@@ -147,28 +145,10 @@ def mujoco_origin(arm: Mechanism) -> Origin:
     return arm.source
 
 
-def _with_merged_welds(arm: Mechanism) -> Mechanism:
-    """The mechanism with welded bodies merged into their parents."""
-    tree, merged = arm.tree.without_welds()
-    sites = {name: _on_carrier(arm.tree, tree, *site) for name, site in arm.sites.items()}
-    return replace(arm, tree=tree, prior=None if arm.prior is None else merged @ arm.prior, sites=sites)
-
-
 def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:
     """Sites that are fixed to bodies of a mechanism, by name."""
     places = {name_of(model, mujoco.mjtObj.mjOBJ_SITE, s): place_of_site(model, s, members) for s in range(model.nsite)}
     return {name: place for name, place in places.items() if place is not None}
-
-
-def _on_carrier(tree: Tree, merged: Tree, name: str, pose: np.ndarray) -> tuple[str, np.ndarray]:
-    """A place on a body of a tree, as a place on the merged body of the tree without welds."""
-    i = tree.names.index(name)
-    while i != BASE and tree.names[i] not in merged.names:
-        i, pose = tree.bodies[i].parent, tree.bodies[i].home @ pose
-    if i == BASE:
-        carrier = next(body for body in merged.bodies if not body.moves)
-        return carrier.name, inverse(carrier.home) @ pose
-    return tree.names[i], pose
 
 
 def _ranges(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[float, float]]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
-from ident.display.bodies import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
@@ -21,10 +20,10 @@ from sim.models.inertials import (
     Inertial,
     Update,
     bodies_in_order,
+    by_body,
+    check_physical,
     compiled_as_stated,
-    differs,
     inertial_of,
-    is_physical,
     overrides,
     remove_overrides,
     set_inertials,
@@ -37,7 +36,7 @@ from sim.models.notes import body_name, refusals
 from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import updated_urdf
-from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of
+from sim.models.xml_files import ModelFile, parsed, restated, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -173,32 +172,26 @@ def specification(source: Editable, packages: Sequence[Path] = ()) -> mujoco.MjS
         return mujoco.MjSpec.from_file(str(source))
 
 
-def _members(origin: Origin, phi: np.ndarray) -> dict[int, np.ndarray]:
-    """φ (10,) of each body of a mechanism by its id."""
-    members = mechanism_bodies(origin.model, origin.base, origin.beyond)
-    if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
-        names = ", ".join(body_name(origin.model, b) for b in members)
-        raise InputError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
-    return dict(zip(members, phi.reshape(-1, 10), strict=True))
+def _members(origin: Origin) -> dict[str, int]:
+    """Ids of the bodies of a mechanism, by name."""
+    return {body_name(origin.model, b): b for b in mechanism_bodies(origin.model, origin.base, origin.beyond)}
 
 
-def _check_physical(origin: Origin, b: int, own: np.ndarray) -> None:
-    """Refuses φ (10,) that no rigid body has; zeros are allowed, for frames."""
-    if own.any() and not is_physical(own):
-        raise InputError(f"The parameters of '{body_name(origin.model, b)}' are not those of a physical body.")
+def _changed(origin: Origin, members: Mapping[str, int], update: Update) -> dict[str, np.ndarray]:
+    """φ (10,) of the bodies that differ from those of the model, by name."""
+    return update.changed([*members], lambda name: body_parameters(origin.model, members[name]))
 
 
 def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray) -> dict[int, Inertial]:
     """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change otherwise."""
-    model, members = origin.model, _members(origin, phi)
-    inertials = {}
+    model, members, inertials = origin.model, _members(origin), dict[int, Inertial]()
     if overrides(spec):
-        for b in set(range(1, model.nbody)) - set(members):
+        for b in set(range(1, model.nbody)) - set(members.values()):
             body = model.body(b)
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
-    for b, own in members.items():
-        _check_physical(origin, b, own)
-        inertials[b] = inertial_of(*stated_parts(own))
+    for name, own in by_body([*members], phi).items():
+        check_physical(name, own)
+        inertials[members[name]] = inertial_of(*stated_parts(own))
     return inertials
 
 
@@ -212,10 +205,8 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
 
 def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> bytes:
     """Content of an updated MJCF file in a folder."""
-    members, changed = _members(origin, update.phi), changed_drives(origin.model, update.drives)
-    spec = specification(source, origin.packages)
-    overriding = overrides(spec)
-    new = {b for b, own in members.items() if differs(own, body_parameters(origin.model, b))}
+    members, spec = _members(origin), specification(source, origin.packages)
+    overriding, changed = overrides(spec), _changed(origin, members, update)
     inertials = _inertials(spec, origin, update.phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
@@ -224,19 +215,18 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     else:
         file = ModelFile(Path(source), text_of(Path(source)))
         if not overriding:
-            inertials = {b: inertials[b] for b in new}
+            inertials = {members[name]: inertials[members[name]] for name in changed}
     root, bodies = file.root, bodies_of(file.root)
-    names = {b: body_name(origin.model, b) for b, own in members.items() if own.any()}
-    comments = {b: update.comments[name] for b, name in names.items() if name in update.comments}
+    phi = by_body([*members], update.phi)
+    short = {members[name]: stated_parts(phi[name], short=True) for name in update.comments}
     for b, inertial in inertials.items():
-        _state(bodies[b], inertial, stated_parts(members[b], short=True) if b in comments else None)
-    for b in new | comments.keys():
-        set_comment(bodies[b], INTERVALS, comments.get(b, ""))
+        _state(bodies[b], inertial, short.get(b))
+    update.comment(changed, lambda name: bodies[members[name]])
     if overriding:
         remove_overrides(root)
     ids = {body_name(origin.model, b): b for b in range(origin.model.nbody)}
     _displace(bodies, spec, {ids[name]: shift for name, shift in update.displaced.items()})
-    state_drives(root, changed)
+    state_drives(root, changed_drives(origin.model, update.drives))
     state_servos(root, changed_servos(origin.model, update.drives))
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
@@ -302,12 +292,8 @@ def _from(folder: Path, other: Path) -> str:
 
 def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
-    changed, dynamics = {}, urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
-    for b, own in _members(origin, update.phi).items():
-        if differs(own, body_parameters(origin.model, b)):
-            _check_physical(origin, b, own)
-            changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed, dynamics, update)
+    dynamics = urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
+    return updated_urdf(Path(str(origin.text)), _changed(origin, _members(origin), update), dynamics, update)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:

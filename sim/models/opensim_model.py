@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ident.arguments import checked_coordinates
-from ident.display.bodies import INTERVALS
 from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries, parameters_from_com, symmetric
@@ -17,7 +16,7 @@ from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
-from sim.models.inertials import Update, differs, is_balanced, is_physical, stated_parts
+from sim.models.inertials import Update, by_body, is_balanced, stated_parts
 from sim.models.notes import note
 from sim.models.opensim_elements import (
     Frames,
@@ -33,7 +32,7 @@ from sim.models.opensim_elements import (
 )
 from sim.models.opensim_joints import Link, links_in_order, point_constraints
 from sim.models.opensim_skeleton import Skeleton
-from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of
+from sim.models.xml_files import ModelFile, parsed, restated, text_of
 
 
 def drives_of_coordinates(model: ET.Element, skeleton: Skeleton, tree: Tree) -> dict[str, Drive]:
@@ -240,27 +239,18 @@ def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
     file = ModelFile(origin.path, text_of(origin.path))
     model = model_element(origin.path, file.root)
     frames = Frames(model)
-    before = frames.bodies
-    names, phi = mechanism.bodies, update.phi
-    if phi.shape != (10 * len(names),) or not np.isfinite(phi).all() or not set(names) <= set(before):
-        raise InputError(
-            f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, welds kept, got {phi.shape}."
-        )
-    new = dict(zip(names, phi.reshape(-1, 10), strict=True))
-    changed = {name: own for name, own in new.items() if differs(own, body_parameters(before[name]))}
+    bodies = frames.bodies
+    changed = update.changed(mechanism.bodies, lambda name: body_parameters(bodies[name]))
     for name, own in changed.items():
-        if own.any() and not is_physical(own):
-            raise InputError(f"The parameters of '{name}' are not those of a physical body.")
-        _state(before[name], own, short=name in update.comments)
-    for name in changed.keys() | update.comments.keys():
-        set_comment(before[name], INTERVALS, update.comments.get(name, ""))
+        _state(bodies[name], own, short=name in update.comments)
+    update.comment(changed, bodies.get)
     links = {link.child.body: link for link in links_in_order(model, frames)} if update.displaced else {}
     for name, shift in update.displaced.items():
         _displace(origin.path, links[name], shift)
     with replacing(path) as temporary:
         temporary.write_bytes(file.changed())
         after = Frames(model_element(temporary, parsed(temporary))).bodies
-        for name, own in new.items():
+        for name, own in by_body(mechanism.bodies, update.phi).items():
             if abs(body_parameters(after[name]) - own).max() > update.tolerance * abs(own).max():
                 raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.display.bodies import INTERVALS
 from sim.models.inertials import Update, shortened, stated_parts
-from sim.models.xml_files import SAME, ModelFile, digits, restated, set_comment, text_of
+from sim.models.xml_files import SAME, ModelFile, digits, restated, text_of
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Attributes of `<inertia>` and their indices in the matrix."""
@@ -38,9 +37,7 @@ def updated_urdf(
     )
     for name, phi in links.items():
         _state(of_links[name], phi, short=name in update.comments)
-    for name in links.keys() | update.comments.keys():
-        if (inertial := of_links[name].find("inertial")) is not None:
-            set_comment(inertial, INTERVALS, update.comments.get(name, ""))
+    update.comment(links, lambda name: of_links[name].find("inertial"))
     for name, attributes in dynamics.items():
         values = {key: [value] for key, value in attributes.items()}
         _set(of_joints[name], 0, "dynamics", values, max(map(abs, attributes.values())))

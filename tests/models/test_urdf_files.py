@@ -159,7 +159,8 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(read):
     [
         (
             (joint("left"), RIGHT, joint("tip", '<mimic joint="right" multiplier="2" offset="1"/>')),
-            "joint 'tip' has to mimic one joint that moves by itself, out of left, not 'right'",
+            "joint 'tip' has to mimic one joint that moves by itself, out of left, not 'right'; write <mimic "
+            'joint="left" multiplier="-3" offset="1.2"/> instead',
         ),
         ((joint("left", '<mimic joint="right"/>'), RIGHT), "joint 'left' has to mimic one .* of none, not 'right'"),
         ((joint("left", '<mimic joint="left"/>'), joint("tip")), "'left' has to mimic one .* of tip, not 'left'"),
