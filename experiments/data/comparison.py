@@ -224,22 +224,10 @@ def _check_estimate(content: Content) -> None:
     _need(set(base) <= set(columns), "its 'regrouping' has parameters that are not among its 'columns'")
     own = [columns.index(name) for name in base]
     _need(all(std[k] > 1 / LARGE for k in own), "its 'std_setup' has a deviation that is not positive")
-    _check_covariance(np.array(covariance, float), own)
     for channel, entry in content["held_out"].items():
         _need(fits(entry.get("ratio"), float | None), f"its 'held_out' has no number for '{channel}'")
     for entry in content["setup"]:
         _check("an entry of its 'setup'", entry, {"name": str, "text": str})
-
-
-def _check_covariance(covariance: np.ndarray, base: Sequence[int]) -> None:
-    """Checks that the base parameters have a covariance."""
-    C = covariance.reshape(len(covariance), -1)[np.ix_(base, base)]
-    std = np.sqrt(np.maximum(np.diag(C), 0))
-    _need(bool((std > 1 / LARGE).all()), "its 'covariance' has a variance that is not positive")
-    correlation = C / np.outer(std, std)
-    symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-6)
-    positive = symmetric and bool((np.linalg.eigvalsh(correlation) > -1e-6).all())
-    _need(positive, "its 'covariance' is not symmetric and positive, as covariances are")
 
 
 def _check_provenance(content: Content) -> None:

@@ -82,31 +82,28 @@ ERRORS = (0.00, 0.00, -0.01, 0.00, 0.01, 0.08, -0.03, 0.01, 0.00, 0.00, -0.01, 0
 TABLE_4 = dict(zip(PARAMETERS, zip(TRUE, ERRORS, strict=True), strict=True))
 """Table IV: true values and errors with several contacts."""
 
-CONDITION_NUMBER_SIMPLIFIED = 38.1
 SHAPE_SIMPLIFIED = (4715, 13)
-CONDITION_NUMBER_FULL = 334.2
 SHAPE_FULL = (5658, 13)
-"""Section VI: condition numbers and shapes of the two base regressors."""
+"""Section VI: shapes of the two base regressors."""
 
 SAMPLES = SHAPE_FULL[0] // 6
 """Samples of the recordings, for six rows each."""
 
-CONDITION_NUMBER_MULTICONTACT = 36.5
 SHAPE_MULTICONTACT = (4715, 13)
-"""Section VII: condition number and shape of the base regressor with several contacts."""
+"""Section VII: shape of the base regressor with several contacts."""
 
 SECTION_6 = {
     "error": {
         "simplified": dict(zip(PARAMETERS, SIMPLIFIED, strict=True)),
         "full_on_table": dict(zip(PARAMETERS, FULL, strict=True)),
     },
-    "condition_number": {"simplified": CONDITION_NUMBER_SIMPLIFIED, "full": CONDITION_NUMBER_FULL},
+    "condition_number": {"simplified": 38.1, "full": 334.2},
     "shape": {"simplified": SHAPE_SIMPLIFIED, "full": SHAPE_FULL},
 }
 SECTION_7 = {
     "true": dict(zip(PARAMETERS, TRUE, strict=True)),
     "error": {"contact": dict(zip(PARAMETERS, ERRORS, strict=True))},
-    "condition_number": {"contact": CONDITION_NUMBER_MULTICONTACT},
+    "condition_number": {"contact": 36.5},
     "shape": {"contact": SHAPE_MULTICONTACT},
 }
 """The numbers by model, in the form of study files."""

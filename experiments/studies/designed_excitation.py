@@ -332,8 +332,6 @@ def best(
     Raises:
         InputError: All motions collide.
     """
-    if collisions is not None:
-        check_starts(collisions, starts, limits)
     rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
     lowest, chosen, time = np.inf, None, np.linspace(0, starts[0].duration, 401)
     for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
@@ -348,31 +346,10 @@ def best(
 
 
 def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
-    """Names of the bodies that touch along the start with the fewest contacts."""
+    """Bodies that touch along the start with the fewest contacts, and what to do."""
     time = np.linspace(0, starts[0].duration, 401)
     pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
-    return _closer(collisions, list(pairs))
-
-
-def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> None:
-    """Checks before the search that no bodies touch in all postures.
-
-    Raises:
-        InputError: A pair touches in every posture of every start.
-    """
-    time = np.linspace(0, starts[0].duration, 101)
-    always: set[tuple[str, str]] | None = None
-    for start in starts:
-        for posture in scaled_into(start, limits).states(time)[0]:
-            pairs = set(collisions.touching(posture[None]))
-            always = pairs if always is None else always & pairs
-            if not always:
-                return
-    raise InputError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
-
-
-def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:
-    named = ", ".join(f"'{a}' and '{b}'" for a, b in pairs[:3]) or "bodies"
+    named = ", ".join(f"'{a}' and '{b}'" for a, b in list(pairs)[:3]) or "bodies"
     return (
         f"{named} come closer than {collisions.clearance:g} m; to accept that, lower --clearance, exclude the pair in "
         "the model, or choose --collisions ignore"

@@ -27,6 +27,19 @@ class DesiredMotion(Protocol):
         """The motion with noise scaled by a factor."""
 
 
+def make_arrays(motion: object, what: str, *names: str) -> None:
+    """Makes arrays of some fields of a motion.
+
+    Raises:
+        InputError: A number is not finite; the message begins with `what` it is of.
+    """
+    for name in names:
+        values = np.asarray(getattr(motion, name), float)
+        if not np.isfinite(values).all():
+            raise InputError(f"{what} needs finite numbers, got NaN or infinity.")
+        object.__setattr__(motion, name, values)
+
+
 @typed("noise")
 @dataclass(frozen=True, eq=False)
 class Excitation:
@@ -50,16 +63,13 @@ class Excitation:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("offset", "amplitude", "frequency", "phase"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+        make_arrays(self, "An excitation", "offset", "amplitude", "frequency", "phase")
         shapes = {self.amplitude.shape, self.frequency.shape, self.phase.shape}
         if len(shapes) != 1 or self.amplitude.ndim != 2 or self.offset.shape != self.amplitude.shape[:1]:
             raise InputError(
                 "An excitation needs offset (n,) and amplitude, frequency and phase (n, k), got shapes "
                 f"{self.offset.shape}, {self.amplitude.shape}, {self.frequency.shape} and {self.phase.shape}."
             )
-        if not all(np.isfinite(x).all() for x in (self.offset, self.amplitude, self.frequency, self.phase)):
-            raise InputError("An excitation needs finite numbers, got NaN or infinity.")
         if not (self.frequency > 0).all():
             raise InputError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
         if not (is_number(self.noise) and 0 <= self.noise < np.inf):
@@ -148,16 +158,13 @@ class Trapezoids:
     goals: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("start", "lasting", "goals"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+        make_arrays(self, "A motion with trapezoidal velocities", "start", "lasting", "goals")
         moves = self.start.shape
         if len(moves) != 2 or self.lasting.shape != moves or self.goals.shape != (moves[0], moves[1] + 1):
             raise InputError(
                 "Trapezoidal velocities need start (n, k), lasting (n, k) and goals (n, k + 1), got shapes "
                 f"{self.start.shape}, {self.lasting.shape} and {self.goals.shape}."
             )
-        if not all(np.isfinite(x).all() for x in (self.start, self.lasting, self.goals)):
-            raise InputError("Trapezoidal velocities need finite numbers, got NaN or infinity.")
         rests = self.start[:, 1:] - (self.start + self.lasting)[:, :-1]
         if not (self.lasting > 0).all() or not (rests >= 0).all():
             raise InputError(
@@ -237,16 +244,13 @@ class FourierTrajectory:
     coefficients: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("center", "coefficients"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+        make_arrays(self, "A Fourier trajectory", "center", "coefficients")
         shape = self.coefficients.shape
         if self.center.ndim != 1 or shape[:1] != self.center.shape or len(shape) != 2 or shape[1] % 2 or not shape[1]:
             raise InputError(
                 "A Fourier trajectory needs a center (n,) and coefficients (n, 2 K - 2) with K of at least 2, got "
                 f"shapes {self.center.shape} and {shape}."
             )
-        if not (np.isfinite(self.center).all() and np.isfinite(self.coefficients).all()):
-            raise InputError("A Fourier trajectory needs finite numbers, got NaN or infinity.")
         _check_duration(self.duration)
 
     @property

@@ -102,7 +102,7 @@ def test_everything_on_one_page(out):
     numbers = *(f"Figure {k}" for k in range(1, 6)), "Table I,", "Table II,", "Table III"
     words = "scene_sha256", 'name="viewport"', "@media print", "prefers-color-scheme: dark", "true, simplified"
     formula = "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>"
-    texts = *numbers, *words, formula, f"{paper.CONDITION_NUMBER_MULTICONTACT:g}", "* The paper put inertias"
+    texts = *numbers, *words, formula, f"{paper.SECTION_7['condition_number']['contact']:g}", "* The paper put inertias"
     assert [text for text in texts if text not in page] == [] and "m2rz2" not in page
     assert page.count("data:image/svg+xml;base64,") == 12
     assert page.count("from joint angles and wrenches alone") > 6
