@@ -97,7 +97,7 @@ def mechanism(
         InputError: `base_rpy_deg` is malformed.
     """
     if is_opensim(source):
-        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix, drives=drives)
+        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
     else:
         text = None if isinstance(source, mujoco.MjModel) else source
         origin = Origin(compiled(source, packages), text, base, tuple(beyond), tuple(map(Path, packages)))

@@ -1,7 +1,7 @@
-"""Mechanisms from OpenSim files, with springs as drives, and files with other inertias and places of joints."""
+"""Mechanisms from OpenSim files, and these files with other inertias and places of joints."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from ident.arguments import checked_coordinates
 from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries, parameters_from_com, symmetric
-from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -20,80 +19,17 @@ from sim.models.inertials import Update, by_body, is_balanced, stated_parts
 from sim.models.notes import note
 from sim.models.opensim_elements import (
     Frames,
-    flag,
     label,
     markers,
     model_element,
     number,
     numbers,
-    objects,
     offset,
     text,
 )
 from sim.models.opensim_joints import Link, links_in_order, point_constraints
 from sim.models.opensim_skeleton import Skeleton
 from sim.models.xml_files import ModelFile, parsed, restated, text_of
-
-
-def drives_of_coordinates(model: ET.Element, skeleton: Skeleton, tree: Tree) -> dict[str, Drive]:
-    """Drives of a tree's coordinates by their names: every `SpringGeneralizedForce` that acts on one of them.
-
-    Warns:
-        ModelNote: A spring acts on a coordinate that follows another one, or a limit's force inside a range.
-
-    Raises:
-        ModelError: The coordinate of a spring does not exist, or one of its numbers is none.
-    """
-    out, dependent = dict[str, Drive](), list[str]()
-    for element, name in _acting(model, "SpringGeneralizedForce"):
-        if name not in skeleton.coordinates:
-            raise ModelError(f"{label(element)} needs a coordinate of the model, got '{name}'.")
-        if name in tree.joints:
-            out[name] = _with_spring(out.get(name, NO_DRIVE), element)
-        elif not (skeleton.coordinates[name].locked or name in skeleton.tree.joints):
-            dependent.append(element.get("name", ""))
-    if dependent:
-        note(f"The springs {', '.join(dependent)} of coordinates that follow others are left out of joint torques.")
-    limits = [
-        element.get("name", "")
-        for element, name in _acting(model, "CoordinateLimitForce")
-        if name in tree.joints and _acts_inside(element, skeleton, tree, name)
-    ]
-    if limits:
-        note(
-            f"The forces {', '.join(limits)} begin inside their coordinates' ranges, and are left out of joint torques."
-        )
-    return {name: drive for name, drive in out.items() if drive != NO_DRIVE}
-
-
-def _acting(model: ET.Element, kind: str) -> Iterator[tuple[ET.Element, str]]:
-    """Yields the forces of a kind that are not switched off, and the names of their coordinates."""
-    for element in objects(model, "ForceSet"):
-        if element.tag == kind and flag(element, "appliesForce", True) and not flag(element, "isDisabled", False):
-            yield element, text(element, "coordinate").rpartition("/")[2]
-
-
-def _with_spring(drive: Drive, element: ET.Element) -> Drive:
-    """A drive with one more spring: several act as one of their common stiffness, at rest at their weighted mean."""
-    stiffness, rest = number(element, "stiffness", "0"), number(element, "rest_length", "0")
-    viscous = drive.viscous + number(element, "viscosity", "0")
-    together = drive.stiffness + stiffness
-    if not together:
-        return Drive(viscous)
-    reference = (drive.stiffness * drive.springref + stiffness * rest) / together
-    return Drive(viscous, stiffness=together, springref=reference)
-
-
-def _acts_inside(element: ET.Element, skeleton: Skeleton, tree: Tree, name: str) -> bool:
-    """True if the force at the limits of a coordinate, in degrees for a turn, begins inside the coordinate's range."""
-    body = next(body for body in tree.bodies if body.joint == name)
-    unit, limits = np.pi / 180 if body.turns else 1.0, skeleton.coordinates[name].range
-    if limits is None:
-        return False
-    low, high = (unit * number(element, f"{end}_limit", inf) for end, inf in (("lower", "-1e9"), ("upper", "1e9")))
-    # Degrees are rounded.
-    return low > limits[0] + 1e-3 or high < limits[1] - 1e-3
-
 
 STANDARD_GRAVITY = "0 -9.80665 0"
 """Default gravity, m/s²; y points up."""
@@ -129,14 +65,13 @@ def mechanism_from_opensim(
     *,
     ignore: Collection[str] = (),
     fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
-    drives: bool = True,
 ) -> Mechanism:
     """Mechanism of an OpenSim file.
 
     Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
     functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
-    `PointConstraint`s and `WeldConstraint`s close loops. Markers become sites, springs and dampers of coordinates
-    drives. Axes are those of the file, with y up in most; muscles, geometry and contacts are left out.
+    `PointConstraint`s and `WeldConstraint`s close loops. Markers become sites. Axes are
+    those of the file, with y up in most; muscles, springs, geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.
@@ -144,14 +79,12 @@ def mechanism_from_opensim(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of constraints to leave out.
         fix: Coordinates that do not move, each with its value, or empty for its default.
-        drives: False to leave out springs and dampers.
 
     Returns:
         The mechanism, with `OpenSimOrigin` as its source.
 
     Warns:
-        ModelNote: Tabulated functions were replaced by polynomials, an inertia is impossible for a rigid body, or as
-            for `drives_of_coordinates`.
+        ModelNote: Tabulated functions were replaced by polynomials, or an inertia is impossible for a rigid body.
 
     Raises:
         ModelError: Something in the file cannot be read; the message names it.
@@ -177,8 +110,7 @@ def mechanism_from_opensim(
         ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
         places = markers(model, frames)
         sites = {name: (place.body, place.pose) for name, place in places.items() if place.body in bodies}
-        stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
-        read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
+        read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
         constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree).checked(tree)
         if closing := [row.name for row in constraints.rows]:
