@@ -19,8 +19,6 @@ from stand_ins import leave_undrawn
 
 import scenes
 from experiments import identify
-from experiments.document.writer import Card
-from experiments.reports import identify_report
 from experiments.studies.user_files import prepare
 from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
@@ -269,12 +267,6 @@ def test_channels_without_numbers_are_named(tmp_path, capsys):
     assert "Column 'joint1_command' (joints.joint1.command) is empty" in message
     own = prepared(mechanism(PENDULUM, base="base"), Recording(log.time, log.measured | commands))
     assert "Left out, since they have no numbers: joint1_command, joint2_command." in own.notes
-
-
-def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():
-    cards = [Card("", "Torques rub. Weigh the arm.", False), Card("", "long " * 99, True)]
-    whole, cut = identify_report.first_lines(cards)
-    assert whole == "  - Torques rub." and cut.startswith("  ! long") and cut.endswith(" …")
 
 
 @pytest.mark.usefixtures("undrawn")

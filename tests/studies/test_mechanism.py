@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from commands import entries_of, rows_of
 from mechanisms import double_pendulum
-from persons import at_a_rail
+from persons import briefly
 from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
@@ -67,7 +67,7 @@ def run(folder, *more):
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         use_truth(patched)
-        patched.setattr(person_on_plates, "study", lambda *_, **__: at_a_rail())
+        patched.setattr(person_on_plates, "study", lambda *_, **__: briefly())
         assert everything([*OPTIONS, "--out", str(folder), *more]) == 0
     return folder
 
