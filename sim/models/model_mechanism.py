@@ -1,6 +1,6 @@
 """Mechanisms from models: tree, gravity, masses, sites, joint ranges, drives, loops; and shapes to draw."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
@@ -180,34 +180,21 @@ def shapes(arm: Mechanism) -> list[Shape]:
     """
     if not isinstance(arm.source, Origin):
         return []
+    model, members = arm.source.model, mechanism_bodies(arm.source.model, arm.source.base, arm.source.beyond)
     collected = []
-    for g, body, T in placed_geoms(arm, arm.source):
-        points = _points(arm.source.model, g)
-        hull = None if points is None else _hull(points)
-        if hull is not None:
-            collected.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
-    return collected
-
-
-def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Visible geoms on a mechanism's bodies, or at rest.
-
-    Yields:
-        Id of a geom, index of the tree's body that it is on or `BASE`, and its pose in that body's frame or, for geoms
-        at rest, in the base frame (4, 4).
-    """
-    model, members = origin.model, mechanism_bodies(origin.model, origin.base, origin.beyond)
     for g in range(model.ngeom):
         place = carrier_of(model, int(model.geom_bodyid[g]), members)
         # As in MuJoCo's viewer, geoms of the groups from 3 on, such as collision shapes, are not shown.
         if place is None or model.geom_group[g] >= 3 or model.geom_rgba[g, 3] == 0:
             continue
+        points = _points(model, g)
+        if points is None or (hull := _hull(points)) is None:
+            continue
         b, carrier = place
         T = carrier @ placed_pose(model.geom_pos[g], model.geom_quat[g])
-        if b in members:
-            yield g, arm.tree.names.index(body_name(model, b)), T
-        else:
-            yield g, BASE, inverse(arm.pose) @ T
+        body, T = (arm.tree.names.index(body_name(model, b)), T) if b in members else (BASE, inverse(arm.pose) @ T)
+        collected.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
+    return collected
 
 
 def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:

@@ -97,8 +97,8 @@ def mechanism_from_opensim(
         tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
         if base is not None:
             # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
-            gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
-            tree = skeleton.carried(base)
+            tree, R = skeleton.based(base)
+            gravity = gravity if R is None else R.T @ gravity
         tree = _without(tree, origin.beyond)
         rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
         # The model itself holds locked coordinates at their default.
