@@ -170,29 +170,22 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     if len(set(names)) < len(names):
         names = list(map(str, folders))
     pairs = zip(names, folders, strict=True)
-    results = [Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in pairs]
+    results = [
+        Result(
+            name,
+            _read(folder / "estimate.json", _check_estimate),
+            _read(folder / "provenance.json", _check_provenance),
+        )
+        for name, folder in pairs
+    ]
     logs = {log for result in results for log in result.logs.items()}
     alike = len({name for _, name in logs}) < len(logs)
     return [replace(result, in_full=alike) for result in results]
 
 
-def estimate_of(folder: Path) -> Content:
-    """Content of `estimate.json` in a folder.
-
-    Raises:
-        InputError: The folder lacks it, or a needed entry is missing or of another type.
-    """
-    return _read(folder / "estimate.json", _check_estimate)
-
-
 def covariance_of(folder: Path, names: Sequence[str]) -> np.ndarray:
-    """Covariance of some parameters from the noise, of the `estimate.json` in a folder; raises as `estimate_of`."""
-    return Result(folder.name, estimate_of(folder), {}).at(names)[1]
-
-
-def provenance_of(folder: Path) -> Content:
-    """Content of `provenance.json`; raises as `estimate_of`."""
-    return _read(folder / "provenance.json", _check_provenance)
+    """Covariance of some parameters from the noise, of the `estimate.json` in a folder; raises as `read_results`."""
+    return Result(folder.name, _read(folder / "estimate.json", _check_estimate), {}).at(names)[1]
 
 
 def _read(path: Path, check: Callable[[Content], None]) -> Content:
