@@ -126,6 +126,13 @@ def test_a_base_carries_its_part_of_the_model(stated):
     assert "model.osim" in led and "follows 'bend', which is no joint with one coordinate of its tree" in led
 
 
+def test_gravity_is_in_the_axes_of_a_base_at_rest(stated):
+    turned = Joint("WeldJoint", "root", "ground", "pelvis", at=(np.zeros(3), np.array([0, 0, np.pi / 2])))
+    text = document([turned], {"pelvis": random_phi(np.random.default_rng(0), 1)})
+    x, y, z = stated(text).gravity
+    np.testing.assert_allclose(stated(text, base="pelvis").gravity, [y, -x, z], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

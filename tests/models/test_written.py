@@ -4,6 +4,7 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import driven_arm
 import mujoco
@@ -150,6 +151,9 @@ def test_bodies_are_written_with_their_intervals_and_short_numbers(written, text
     again = path.with_name(f"again_{name}")
     write_model(again, arm, arm.known)
     assert len(COMMENT.findall(again.read_text(encoding="utf-8"))) == len(arm.bodies)
+    noted = SimpleNamespace(phi=arm.known, comments=dict.fromkeys(arm.bodies, "95 % intervals are others."))
+    write_model(again, arm, noted)
+    assert again.read_text(encoding="utf-8").count("<!-- 95 % intervals are others. -->") == len(arm.bodies)
     write_model(again, arm, 1.01 * arm.known)
     assert not COMMENT.search(again.read_text(encoding="utf-8"))
     arm = mechanism(path, base)
