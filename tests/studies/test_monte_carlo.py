@@ -80,6 +80,11 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path, cont
     assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(trials)).all()
 
 
+def test_noise_on_the_joint_states_biases(tmp_path):
+    errors_of = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path))
+    assert np.abs(errors_of.mean / errors_of.std).max() * np.sqrt(60) > 6
+
+
 def test_statistics(tmp_path):
     errors = np.array([[-1.0, 0.0], [0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
     errors_of = Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
