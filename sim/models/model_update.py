@@ -8,6 +8,7 @@ from typing import Protocol, TypeAlias
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
@@ -27,6 +28,7 @@ from sim.models.inertials import (
     overrides,
     remove_overrides,
     set_inertials,
+    shortened,
     stated_parts,
 )
 from sim.models.model_drives import bodies_of, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
@@ -35,14 +37,16 @@ from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameter
 from sim.models.notes import body_name, refusals
 from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.urdf_update import updated_urdf
-from sim.models.xml_files import ModelFile, parsed, restated, text_of
+from sim.models.xml_files import SAME, ModelFile, digits, parsed, restated, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that generate bodies which the file does not list."""
+
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+"""Attributes of `<inertia>` and their indices in the matrix."""
 
 Stated = tuple[float, np.ndarray, np.ndarray]
 """Mass, centre of mass, and inertia about it."""
@@ -293,7 +297,7 @@ def _from(folder: Path, other: Path) -> str:
 def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     dynamics = urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
-    return updated_urdf(Path(str(origin.text)), _changed(origin, _members(origin), update), dynamics, update)
+    return _updated_urdf(Path(str(origin.text)), _changed(origin, _members(origin), update), dynamics, update)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:
@@ -316,3 +320,81 @@ def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False)
 
 def _is_urdf(path: str | Path) -> bool:
     return parsed(Path(path)).tag == "robot"
+
+
+def _updated_urdf(
+    path: Path, links: Mapping[str, np.ndarray], dynamics: Mapping[str, Mapping[str, float]], update: Update
+) -> bytes:
+    """Bytes of a URDF file with other inertias of some links, and other friction and places of some joints.
+
+    An inertia stays in the axes in which the file states it. A massless link keeps its centre of mass.
+
+    Args:
+        path: The file, which has already been read as a model.
+        links: φ (10,) of the links, about their frames, by name.
+        dynamics: Attributes of the joints' `<dynamics>`, by name.
+        update: Comments on links with inertias, and displacements of joints.
+
+    Raises:
+        ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
+    """
+    file = ModelFile(path, text_of(path))
+    # Of those with one name the first counts.
+    of_links, of_joints = (
+        {each.get("name", ""): each for each in reversed(file.root.findall(tag))} for tag in ("link", "joint")
+    )
+    for name, phi in links.items():
+        _state_link(of_links[name], phi, short=name in update.comments)
+    update.comment(links, lambda name: of_links[name].find("inertial"))
+    for name, attributes in dynamics.items():
+        values = {key: [value] for key, value in attributes.items()}
+        _set_child(of_joints[name], 0, "dynamics", values, max(map(abs, attributes.values())))
+    for joint in of_joints.values():
+        child = joint.find("child")
+        if child is not None and (name := child.get("link", "")) in update.displaced:
+            origin = joint.find("origin")
+            stated = "" if origin is None else origin.get("xyz", "")
+            place = np.array(stated.split() or np.zeros(3), float) + update.displaced[name]
+            _set_child(joint, 0, "origin", {"xyz": place.tolist()}, abs(place).max())
+    return file.changed()
+
+
+def _state_link(link: ET.Element, phi: np.ndarray, *, short: bool) -> None:
+    """States the φ of a link, perhaps with short numbers."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        if not phi[0]:
+            return
+        inertial = ET.Element("inertial")
+        link.insert(0, inertial)
+    mass, center, inertia = stated_parts(phi)
+    R = _axes(inertial)
+    inertia = R.T @ inertia @ R
+    if short and phi[0]:
+        mass, center, inertia = shortened(mass, center, inertia)
+    if phi[0]:
+        _set_child(inertial, 0, "origin", {"xyz": center.tolist()}, max(abs(center)))
+    _set_child(inertial, 1, "mass", {"value": [mass]}, mass)
+    moments = {key: [float(inertia[at])] for key, at in ENTRIES.items()}
+    _set_child(inertial, 2, "inertia", moments, max(abs(phi[4:])))
+
+
+def _axes(inertial: ET.Element) -> np.ndarray:
+    """Rotation from the axes of a stated inertia to the link's (3, 3)."""
+    origin = inertial.find("origin")
+    stated = "" if origin is None else origin.get("rpy", "")
+    return Rotation.from_euler("xyz", np.array(stated.split() or np.zeros(3), float)).as_matrix()
+
+
+def _set_child(
+    parent: ET.Element, index: int, tag: str, attributes: Mapping[str, Sequence[float]], size: float
+) -> None:
+    """Sets attributes of a child, to rounding relative to a size; zeros are not stated where nothing is."""
+    child = parent.find(tag)
+    if child is None:
+        if any(any(values) for values in attributes.values()):
+            parent.insert(index, ET.Element(tag, {key: digits(values) for key, values in attributes.items()}))
+        return
+    for key, values in attributes.items():
+        if key in child.attrib or max(map(abs, values)) > SAME * size:
+            child.set(key, restated(child.get(key), values, size))
