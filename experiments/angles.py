@@ -8,7 +8,7 @@ from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.studies.marker_angles import Angles
+    from experiments.studies.user_files import Angles
 
 
 def run(args: argparse.Namespace) -> None:
@@ -16,7 +16,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import motion_report
-    from experiments.studies.marker_angles import Scale, angles
+    from experiments.studies.user_files import Scale, angles
 
     for option in ("symmetric", "scale_from", "mass"):
         if getattr(args, option) and not args.scale:

@@ -19,7 +19,7 @@ from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
@@ -38,8 +38,7 @@ def run(args: argparse.Namespace) -> None:
     Raises:
         InputError: Logs failed, a worker died at the log that is named, or results are damaged or cannot be written.
     """
-    from experiments.data.batch_outcomes import LogOutcome, agreement
-    from experiments.data.comparison import covariance_of
+    from experiments.data.comparison import LogOutcome, agreement, covariance_of
     from experiments.document.result_folder import check_inputs, provenance, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
@@ -120,7 +119,7 @@ def check_outcomes(outcomes: Sequence[Any]) -> None:
         InputError: One is damaged.
         TypeError: One has other fields.
     """
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from ident.annotations import misfit
 
     for given in (each for each in outcomes if each is not None):
@@ -162,7 +161,7 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
     Raises:
         FullDiskError: Results of no log can be written.
     """
-    from experiments.data.batch_outcomes import LogOutcome
+    from experiments.data.comparison import LogOutcome
     from experiments.document.writer import written
     from experiments.reports import identify_report
 

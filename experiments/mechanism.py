@@ -17,10 +17,10 @@ def run(args: argparse.Namespace) -> None:
 
 def report(out: "Output") -> "Document":
     """Writes and prints the mechanism, and returns its document."""
+    from experiments.data.paper import difference_of_tables, drawing
     from experiments.document.result_folder import provenance
     from experiments.document.writer import write
     from experiments.reports import paper_report
-    from experiments.studies.pendulum_drawn import difference_of_tables, drawing
 
     drawn, origin = drawing(), provenance({"formats": out.formats}, {"scene": SCENE})
     return write(paper_report.mechanism_document(drawn, difference_of_tables(drawn.tree), origin), out)

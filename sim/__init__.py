@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from sim.models.model_update import updated_spec, write_model
     from sim.models.mujoco_model import base_motion, state_columns, tree_from_model
     from sim.motion.excitation import Excitation
-    from sim.simulation.contacts import fall
     from sim.simulation.simulate import simulate, simulate_many
+    from sim.simulation.stepped import fall
 
 __all__ = ["Excitation", "base_motion", "fall", "mechanism", "simulate", "simulate_many", "state_columns"]
 __all__ += ["tree_from_model", "updated_spec", "write_model"]
@@ -33,7 +33,7 @@ _MODULES = {
     **dict.fromkeys(("simulate", "simulate_many"), "sim.simulation.simulate"),
     **dict.fromkeys(("updated_spec", "write_model"), "sim.models.model_update"),
     "Excitation": "sim.motion.excitation",
-    "fall": "sim.simulation.contacts",
+    "fall": "sim.simulation.stepped",
     "mechanism": "sim.models.model_mechanism",
 }
 """Module of each name."""

@@ -14,16 +14,5 @@ def study(seconds, **given):
     return _STUDIES[key]
 
 
-def at_a_rail():
-    """Two motions of a person on two force plates who holds a rail, whose estimate ends with its first round."""
-    laboratory = Laboratory(0.2, 0.0, rate=50.0, rail=True)
-    return study(2.0, laboratory=laboratory, activities=("squats", "arm swings"), report=once)
-
-
-def once(*_):
-    """Ends an estimate as an interrupt does."""
-    raise KeyboardInterrupt
-
-
 def briefly():
     return study(2.0, laboratory=Laboratory(rate=50.0, rail=False), activities=("squats", "arm swings"))

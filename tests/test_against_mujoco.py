@@ -56,9 +56,9 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, torques, wrench)
     if len(wrench) == FEW:
         return  # The merged equations would have to be recorded too, and do not depend on how they are evaluated.
-    merged = mechanism(model, "b0", merge_welds=True)
-    assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
-    assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)
+    merged, together = tree.without_welds()
+    assert len(together) == 10 * (len(merged.moving) + 1 - sum(body.massless for body in merged.bodies))
+    assert_equal(base_wrench_regressor(merged, *joints, **known) @ together @ phi, wrench)
 
 
 def test_base_wrench_and_joint_torques():

@@ -23,7 +23,7 @@ WITHIN = {
     "document": {"runs"},
     "studies": {"data", "runs"},
     "reports": {"data", "document", "studies"},
-    "symbols": {"document", "studies"},
+    "symbols": {"data", "document"},
     "cli": {"data", "document", "runs"},
 }
 """Rooms of `experiments`, and those that each imports from; commands import from all."""

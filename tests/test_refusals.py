@@ -34,8 +34,7 @@ from ident.recordings.wrench import total_wrench
 from ident.trajectory.algebra.banded import WINDOW, Banded
 from sim import mechanism, simulate
 from sim.models.mujoco_model import parameters_from_model
-from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.motion.excitation_design import FourierTrajectory, basis
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory, Trapezoids, basis
 
 TREE, UNIT, NAN = double_pendulum(), np.eye(4), np.nan
 STATES = random_states(np.random.default_rng(0), TREE, 3)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 import multicontact as mc
-from experiments.studies import criteria, designed_excitation
+from experiments.studies import designed_excitation
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM
 
 # ## Do intervals cover the truth?
@@ -101,7 +101,7 @@ def deviations(states):
 
 
 rest, seconds = np.zeros(len(problem.joints)), float(design.time[-1])
-motions = criteria.start_motions(design.limits, rest, seconds, 4, 20, seed=1)
+motions = designed_excitation.start_motions(design.limits, rest, seconds, 4, 20, seed=1)
 random = np.array([deviations(motion.states(design.time)) for motion in motions])
 best = deviations(design.after.motion.states)
 print(f"geometric mean over the random motions': {np.exp(np.log(best / random).mean()):.2f}")

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 import multicontact as mc
-from sim.simulation.commanded import rolled_out
+from sim.simulation.stepped import rolled_out
 
 # ## The model
 #

@@ -19,7 +19,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, pose_in_base
-from sim.models.shapes import Shape, shapes
+from sim.models.model_mechanism import Shape, shapes
 
 FRAMES, POSE_NUMBERS = 300, 100_000
 """Largest number of postures, and of numbers that they may take together."""

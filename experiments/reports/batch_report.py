@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
+from experiments.data.comparison import LogAgreement, LogOutcome, spreads
 from experiments.document import pictures, tabular, typography
 from experiments.document.figures import empty_figure
 from experiments.document.result_folder import OUTPUTS as RESULTS

@@ -28,7 +28,7 @@ from ident.recordings.stated import Servo
 from ident.tolerances import DRIVE, ROUNDING
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
-from sim.models.opensim.reading import OpenSimOrigin
+from sim.models.opensim_model import OpenSimOrigin
 from sim.models.xml_files import parsed
 
 SPECTRA = "Amplitude spectra of the channels and of their residuals."

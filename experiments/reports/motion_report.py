@@ -15,14 +15,13 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations
 from experiments.document.writer import Document, Plot, sentences
 from experiments.studies.designed_excitation import Design
-from experiments.studies.marker_angles import Angles
+from experiments.studies.user_files import Angles
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.files.atomic import save_arrays
 from ident.geometry.inertia import with_bodies
 from ident.judgement.wording import NAMED
 from ident.recordings.recording import STATES
-from sim.markers.lengths import Scaling
-from sim.markers.model_files import write_scaled
+from sim.markers.lengths import Scaling, write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.notes import joint_name
 

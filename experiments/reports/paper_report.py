@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
-from experiments.data.paper import REDRAWN
+from experiments.data.paper import REDRAWN, Drawing
 from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, tabular, typography
 from experiments.document.figures import empty_figure
@@ -16,7 +16,6 @@ from experiments.document.tabular import as_stated, number, of_deviations, of_nu
 from experiments.document.typography import wrapped
 from experiments.document.writer import Document, Plot
 from experiments.reports import study_report
-from experiments.studies.pendulum_drawn import Drawing
 from experiments.studies.simulation import Swept
 from ident.display.plots import Axes, Figure, add_legend
 from ident.mechanism.tree import Tree

@@ -1,17 +1,19 @@
-"""Design of a motion for a model or a scene."""
+"""Design of a motion for a model or a scene: limits, starts, and the search for the best motion."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 import scenes
 from experiments.data import paper
 from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
-from experiments.studies import criteria, excitation_problem
-from experiments.studies.excitation_problem import DesignProblem
+from experiments.studies import excitation_problem
+from experiments.studies.excitation_problem import DesignProblem, cost, known_root, predicted_deviations, quality
 from ident.errors import InputError
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.mechanism.motion import Motion
@@ -20,8 +22,8 @@ from ident.recordings.recording import STATES, Recording
 from ident.recordings.smoothing import settling
 from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions, reachable
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import FourierTrajectory, Limits
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory
+from sim.motion.excitation_design import Cost, Limits, design, nearby_start, random_start, scaled_into
 from sim.simulation.simulate import LONGEST, RATE
 
 PER_PERIOD = 10
@@ -219,12 +221,12 @@ def designed(problem: DesignProblem, model: str, search: DesignSearch) -> Design
     if collisions is not None and search.floor is not None and not collisions.checks_floor:
         raise InputError("--floor needs moving bodies with geoms that can collide; this model has none.")
     rest = np.array([problem.rest[joint] for joint in problem.joints])
-    motions = criteria.start_motions(limits, rest, float(time[-1]), search.harmonics, search.starts, search.seed)
+    motions = start_motions(limits, rest, float(time[-1]), search.harmonics, search.starts, search.seed)
     before = own or reference or Motion(*motions[0].states(time))
     if reference is not None:
         motions[0] = FourierTrajectory.closest(float(time[-1]), search.harmonics, time, reference.q)
-    value = criteria.cost(problem, search.criterion, len(time))
-    trajectory = criteria.best(value, limits, motions, collisions, search.iterations, search.seed)
+    value = cost(problem, search.criterion, len(time))
+    trajectory = best(value, limits, motions, collisions, search.iterations, search.seed)
     after = Motion(*trajectory.states(time))
     series = {
         "duration": trajectory.duration,
@@ -232,10 +234,14 @@ def designed(problem: DesignProblem, model: str, search: DesignSearch) -> Design
         "center": trajectory.center.tolist(),
         "coefficients": trajectory.coefficients.tolist(),
     }
-    known = None if arm.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
+    known = None if arm.prior is None else np.linalg.norm(known_root(problem), axis=0)
     start = str(search.log) if search.log else "the paper's excitation" if published else RANDOM_START
     first, last = (
-        Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
+        Excited(
+            motion,
+            quality(problem, motion),
+            predicted_deviations(problem, motion),
+        )
         for motion in (before, after)
     )
     made = recording(problem, time, after, {"designed": model, "criterion": search.criterion, "series": series})
@@ -300,3 +306,59 @@ def _checked(collisions: Collisions | None) -> str:
     if pairs == 0 and not on_floor:
         return "not checked, because the model has no geoms that could collide with one another"
     return f"none; of {pairs} pairs of geoms none comes closer than {collisions.clearance:g} m{on_floor}"
+
+
+def best(
+    value: Cost,
+    limits: Limits,
+    starts: Sequence[FourierTrajectory],
+    collisions: Collisions | None,
+    iterations: int,
+    seed: int,
+) -> FourierTrajectory:
+    """The best motion from several starts, and then from half as many near the best; prints progress to stderr.
+
+    Collisions are only avoided for a motion that is better with them than the best one without so far. While no motion
+    is found, the first start counts as the best.
+
+    Args:
+        value: Cost to minimize.
+        limits: Joint limits.
+        starts: Motions to start from.
+        collisions: Bodies that must not touch; None for no checks.
+        iterations: Largest number of iterations from each start.
+        seed: Seed of the starts near the best.
+
+    Raises:
+        InputError: All motions collide.
+    """
+    rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
+    lowest, chosen, time = np.inf, None, np.linspace(0, starts[0].duration, 401)
+    for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
+        start = starts[k] if k < len(starts) else nearby_start(chosen or starts[0], limits, rng)
+        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
+        if trajectory is not None and (reached := value(*trajectory.states(time))[0]) < lowest:
+            lowest, chosen = reached, trajectory
+    if chosen is None:
+        assert collisions is not None
+        raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
+    return chosen
+
+
+def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
+    """Bodies that touch along the start with the fewest contacts, and what to do."""
+    time = np.linspace(0, starts[0].duration, 401)
+    pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
+    named = ", ".join(f"'{a}' and '{b}'" for a, b in list(pairs)[:3]) or "bodies"
+    return (
+        f"{named} come closer than {collisions.clearance:g} m; to accept that, lower --clearance, exclude the pair in "
+        "the model, or choose --collisions ignore"
+    )
+
+
+def start_motions(
+    limits: Limits, rest: np.ndarray, duration: float, harmonics: int, count: int, seed: int
+) -> list[FourierTrajectory]:
+    """Random motions, the first one about the rest position (n,)."""
+    rng = np.random.default_rng(seed)
+    return [random_start(limits, duration, harmonics, rng, rest if k == 0 else None) for k in range(count)]

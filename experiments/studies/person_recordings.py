@@ -160,7 +160,6 @@ def from_markers(
     size: tuple[float, float],
     rng: np.random.Generator,
     felt: Recording,
-    base: str = "pelvis",
 ) -> Recording:
     """Recording with angles and base pose fitted to noisy markers, as by `multicontact angles`.
 
@@ -175,7 +174,6 @@ def from_markers(
         size: Standard deviations of the markers' positions and of the skin's motion, m.
         rng: Random generator of all noise.
         felt: Measurements of plates and rail on the same clock.
-        base: The root body.
     """
     marked, places = _marked(who)
     poses = tree.poses(motion.q)
@@ -194,7 +192,7 @@ def from_markers(
         measured.append(at + noise * rng.normal(size=at.shape))
     postures = fit_trial(marked, np.stack(measured, axis=1))
     check_fit(postures)
-    return recording(postures, time, base, {"sigma_m": postures.sigma}, felt)
+    return recording(postures, time, BASE, {"sigma_m": postures.sigma}, felt)
 
 
 def _turned(coordinates: np.ndarray) -> np.ndarray:
@@ -258,12 +256,12 @@ def humanoid() -> Mechanism:
     return mechanism(scenes.load("humanoid"), BASE)
 
 
-def mistaken(true: Mechanism, rng: np.random.Generator, share: float = 0.2) -> Mechanism:
+def mistaken(true: Mechanism, rng: np.random.Generator) -> Mechanism:
     """The mechanism with a wrong prior, independently for each body.
 
-    Masses and central moments are wrong by this share, centres of mass by this share of the radius of gyration.
+    Masses and central moments are wrong by a fifth, centres of mass by a fifth of the radius of gyration.
     """
-    bodies = []
+    bodies, share = [], 0.2
     for phi in true.known.reshape(-1, 10):
         mass, centre, central = com_from_parameters(phi)
         heavier, thicker = np.exp(share * rng.normal(size=2))

@@ -8,7 +8,7 @@ import numpy as np
 import sympy
 from scipy.spatial.transform import Rotation
 
-from experiments.studies.pendulum_drawn import drawing, tree_of_table_1
+from experiments.data.paper import drawing, tree_of_table_1
 from ident.mechanism.body import ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

@@ -3,19 +3,23 @@
 At given angles every position is linear in the factors, so that its derivatives by them are differences of positions.
 Angles and factors are estimated together: the angles of each frame are eliminated from the normal equations (Schur
 complement), as in bundle adjustment. Factors have a prior, 1 ± `SPREAD`; lengths that no marker determines stay those
-of the model.
+of the model. MuJoCo's files are written with these lengths.
 """
 
-from collections.abc import Sequence
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from scipy import linalg
 
-from ident.errors import InputError
+from ident.errors import InputError, ModelError
+from ident.files.atomic import replacing
+from ident.tolerances import ROUNDING
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import (
     LEAST_INFORMATION,
@@ -26,7 +30,10 @@ from sim.markers.trial_fit import (
     normal_equations,
     plain_fits,
 )
-from sim.models.notes import body_id, body_name
+from sim.models.inertials import remove_overrides
+from sim.models.model_update import set_asset_folders
+from sim.models.notes import body_id, body_name, refusals
+from sim.models.xml_files import digits
 
 SPREAD = 0.2
 """Prior standard deviation of a factor: the variation of people's proportions about a model's."""
@@ -180,3 +187,64 @@ def _reduced(postures: Postures, groups: Sequence[Sequence[str]], factors: np.nd
         curvature += normal[n:, n:] - normal[n:, :n] @ solved[:, :-1]
         gradient += right[n:] - normal[n:, :n] @ solved[:, -1]
     return curvature, gradient
+
+
+def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Writes a specification with the positions and inertias of a model of the same bodies, with all digits.
+
+    Args:
+        path: MJCF file to write; its folder must exist. Meshes and textures are those of the specification.
+        spec: The specification, compiled before.
+        model: The model with other lengths.
+
+    Raises:
+        ModelError: MuJoCo does not read the file back as the model.
+    """
+    with refusals("The model"):
+        root = ET.fromstring(spec.to_xml())
+    remove_overrides(root)
+    bodies = [body for world in root.findall("worldbody") for body in (world, *world.iter("body"))]
+    for b, body in enumerate(bodies):
+        _place(model, b, body)
+    set_asset_folders(root, spec, Path(spec.modelfiledir), path.parent)
+    with replacing(path) as temporary:
+        temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+        with refusals(path):
+            written = mujoco.MjModel.from_xml_path(str(temporary))
+        _check(path, written, model)
+
+
+def _place(model: mujoco.MjModel, b: int, body: ET.Element) -> None:
+    """Sets the numbers of a body and of its joints, sites, geoms and inertia."""
+    if b:
+        _set(body, pos=model.body_pos[b], quat=model.body_quat[b])
+    joints = [each for each in body if each.tag in ("joint", "freejoint")]
+    for j, joint in zip(np.flatnonzero(model.jnt_bodyid == b), joints, strict=True):
+        if joint.tag == "joint" and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE:
+            _set(joint, pos=model.jnt_pos[j], axis=model.jnt_axis[j])
+    for s, site in zip(np.flatnonzero(model.site_bodyid == b), body.findall("site"), strict=True):
+        _set(site, pos=model.site_pos[s], quat=model.site_quat[s])
+    for g, geom in zip(np.flatnonzero(model.geom_bodyid == b), body.findall("geom"), strict=True):
+        if model.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH:
+            _set(geom, pos=model.geom_pos[g], size=model.geom_size[g])
+    for old in body.findall("inertial"):
+        body.remove(old)
+    if b and model.body_mass[b]:
+        inertial = ET.Element("inertial", mass=repr(float(model.body_mass[b])))
+        _set(inertial, pos=model.body_ipos[b], quat=model.body_iquat[b], diaginertia=model.body_inertia[b])
+        body.insert(0, inertial)
+
+
+def _set(element: ET.Element, **numbers: Iterable[float]) -> None:
+    """Sets attributes with all digits."""
+    for key, values in numbers.items():
+        element.set(key, digits(values))
+
+
+def _check(path: Path, written: mujoco.MjModel, model: mujoco.MjModel) -> None:
+    """Refuses a file whose model differs from the given one."""
+    for name in ("body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "body_mass", "body_ipos", "body_inertia"):
+        a, b = getattr(written, name), getattr(model, name)
+        rows = slice(1, None) if name.startswith("body") else slice(None)
+        if a.shape != b.shape or (np.abs(a - b)[rows] > ROUNDING * max(1.0, float(np.abs(b).max(initial=0.0)))).any():
+            raise ModelError(f"{path}: MuJoCo does not read the scaled model back as it was written ({name}).")

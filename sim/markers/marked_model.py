@@ -1,26 +1,152 @@
-"""A model with sites for the markers of a recording."""
+"""A model with sites for the markers of a recording, by settings of a file, also an OpenSim model."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import mujoco
 import numpy as np
 
-from ident.errors import InputError, ModelError
+from ident.annotations import Needs, Point, Positive, one_of
+from ident.errors import InputError, ModelError, about
+from ident.files.column import UNITS
+from ident.files.limits import made, toml
 from ident.files.markers import Markers
 from ident.files.table import listed, short
-from ident.mechanism.body import Follower
-from sim.markers.model_files import UP, MarkerPlace, opensim_spec
+from ident.mechanism.body import BASE, Body, Follower
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled
 from sim.models.notes import body_id, id_of, joint_name, name_of
-from sim.models.opensim.reading import is_opensim
+from sim.models.opensim_model import is_opensim, mechanism_from_opensim
 
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+}
+"""Rotations from a laboratory whose vertical axis is the key to one with Z upwards."""
+
+
+@dataclass(frozen=True)
+class MarkerPlace:
+    """Site or position of a marker on the model.
+
+    Attributes:
+        site: Name of a site, "" if a body is named.
+        body: Name of a body, "" if a site is named.
+        position: Position in the body's frame, m; None if a site is named.
+        weight: Weight of the squared distance.
+    """
+
+    site: str = ""
+    body: str = ""
+    position: Point | None = None
+    weight: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        if self.site and (self.body or self.position is not None):
+            raise InputError("needs a site, or a body with a position, got both.")
+        if bool(self.body) != (self.position is not None):
+            raise InputError("needs the name of a body and a position [x, y, z] in m on it.")
+
+
+@dataclass(frozen=True)
+class ScaleTable:
+    """Table `[scale]`.
+
+    Attributes:
+        groups: Names of bodies that share a scale factor.
+    """
+
+    groups: Annotated[tuple[tuple[str, ...], ...], Needs("a list of lists of bodies", lambda _: True)] = ()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a file.
+
+    Attributes:
+        unit: Unit of a table, None if not stated.
+        up: Axis of the laboratory that points up, None if not stated.
+        markers: Sites or positions of markers, by label.
+        scale: Bodies that share a scale factor.
+    """
+
+    unit: Annotated[str, one_of(UNITS["length"])] | None = None
+    up: Annotated[str, one_of(UP)] | None = None
+    markers: Mapping[str, MarkerPlace] = field(default_factory=dict)
+    scale: ScaleTable = ScaleTable()
+
+
+def read_settings(path: Path) -> Settings:
+    """Reads a file of settings.
+
+    Raises:
+        InputError: The file is missing or malformed; the message names the entry.
+    """
+    entries = toml(path, "settings of markers need")
+    with about(path):
+        settings = made(Settings, "", entries)
+    named = {k: x if x.site or x.body else replace(x, site=k) for k, x in settings.markers.items()}
+    return replace(settings, markers=named)
+
+
+def opensim_spec(
+    path: str | Path, fix: Mapping[str, Sequence[float]]
+) -> tuple[mujoco.MjSpec, dict[str, Follower], str]:
+    """The bodies of an OpenSim file, with its markers as sites.
+
+    Args:
+        path: The file.
+        fix: Coordinates that do not move, each with its value, or empty for its default.
+
+    Returns:
+        The specification, not yet compiled; functions of followers, by the joints' names; and the axis of the ground
+        that points up, `x`, `y` or `z`.
+
+    Raises:
+        ModelError: Something in the file cannot be read; the message names it.
+    """
+    arm = mechanism_from_opensim(path, fix=fix)
+    spec, followers = mujoco.MjSpec(), dict[str, Follower]()
+    spec.compiler.degree = False
+    bodies: list[mujoco.MjsBody] = []
+    for body in arm.tree.bodies:
+        parent = spec.worldbody if body.parent == BASE else bodies[body.parent]
+        bodies.append(_added(parent, body, arm.ranges.get(body.joint)))
+        if body.follows:
+            followers[f"{body.name}:follows"] = body.follows
+    places = dict(zip(arm.tree.names, bodies, strict=True))
+    for name, (carrier, pose) in arm.sites.items():
+        places[carrier].add_site(name=name, pos=pose[:3, 3])
+    return spec, followers, "xyz"[int(np.abs(arm.gravity).argmax())] if arm.gravity.any() else "y"
+
+
+def _added(parent: mujoco.MjsBody, body: Body, limits: tuple[float, float] | None) -> mujoco.MjsBody:
+    """Adds a body with its joint to another one, and returns it."""
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(body.home[:3, :3]).ravel())
+    out = parent.add_body(name=body.name, pos=body.home[:3, 3], quat=quat)
+    out.explicitinertial = True
+    # MuJoCo needs some, kg and kg m².
+    out.mass, out.inertia = 1e-3, np.full(3, 1e-3)
+    if not body.moves:
+        return out
+    linear, angular = body.twist[:3], body.twist[3:]
+    joint = out.add_joint(name=body.joint or f"{body.name}:follows")
+    if body.turns:
+        joint.type, joint.axis, joint.pos = mujoco.mjtJoint.mjJNT_HINGE, angular, np.cross(angular, linear)
+    else:
+        joint.type, joint.axis = mujoco.mjtJoint.mjJNT_SLIDE, linear
+    if limits is not None:
+        joint.range, joint.limited = limits, mujoco.mjtLimited.mjLIMITED_TRUE
+    return out
 
 
 class FollowingJoint(NamedTuple):

@@ -23,8 +23,8 @@ from sim.markers.marked_model import MarkedModel
 SETTLED = 1e-7
 """Step in rad or m at which the fit has converged; the next step would be far smaller."""
 
-LEAST, MOST = 1e-9, 1e6
-"""Range of the damping, m²/rad²: the least keeps normal equations solvable, beyond the most no step lowers the cost."""
+LEAST = 1e-9
+"""Least damping, m²/rad², which keeps normal equations solvable."""
 
 
 class Kinematics:
@@ -108,7 +108,7 @@ def fitted(
             trial = kinematics.moved(now.qpos, step)
             residual = x - kinematics.positions(trial)[visible]
             cost = _cost(w, residual)
-            if cost <= now.cost or size < SETTLED or damping > MOST:
+            if cost <= now.cost or size < SETTLED:
                 break
             damping *= 10
         damping = max(damping / 10, LEAST)
@@ -116,7 +116,7 @@ def fitted(
         if gain >= 0:
             now = Posture(trial, measured - kinematics.positions(trial), cost)
         # With such a gain the remaining error is a hundred-thousandth of a standard deviation.
-        if size < SETTLED or damping > MOST / 10 or 0 <= gain <= 1e-10 * cost:
+        if size < SETTLED or 0 <= gain <= 1e-10 * cost:
             break
     return now
 

@@ -1,17 +1,19 @@
 """Inertias of bodies in MuJoCo's form: principal moments about the centre of mass, and the principal axes."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from ident.display.brief import INTERVALS
+from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.mechanism.drives import Drive
 from sim.models.notes import body_name, note, refusals
-from sim.models.xml_files import SAME
+from sim.models.xml_files import SAME, set_comment
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""
@@ -44,6 +46,43 @@ class Update:
     def tolerance(self) -> float:
         """Difference with which φ may read back, relative to a body's largest parameter."""
         return SHORT if self.comments else 1e-9
+
+    def changed(self, names: Sequence[str], before: Callable[[str], np.ndarray]) -> dict[str, np.ndarray]:
+        """φ (10,) of the bodies, by name, that differ from those before by more than rounding.
+
+        Raises:
+            InputError: φ does not fit the bodies, or is not physical.
+        """
+        bodies = by_body(names, self.phi).items()
+        changed = {name: own for name, own in bodies if abs(own - (old := before(name))).max() > SAME * abs(old).max()}
+        for name, own in changed.items():
+            check_physical(name, own)
+        return changed
+
+    def comment(self, changed: Iterable[str], element_of: Callable[[str], ET.Element | None]) -> None:
+        """Puts the comments into the elements of their bodies, and removes earlier ones where a body has changed."""
+        for name in {*changed, *self.comments}:
+            if (element := element_of(name)) is not None:
+                set_comment(element, INTERVALS, self.comments.get(name, ""))
+
+
+def by_body(names: Sequence[str], phi: np.ndarray) -> dict[str, np.ndarray]:
+    """φ (10,) of bodies by name.
+
+    Raises:
+        InputError: The numbers are not finite, or not ten for each.
+    """
+    if phi.shape != (10 * len(names),) or not np.isfinite(phi).all():
+        raise InputError(
+            f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, got shape {phi.shape}."
+        )
+    return dict(zip(names, phi.reshape(-1, 10), strict=True))
+
+
+def check_physical(name: str, phi: np.ndarray) -> None:
+    """Refuses φ (10,) that no rigid body has; zeros are allowed, for frames."""
+    if phi.any() and not is_physical(phi):
+        raise InputError(f"The parameters of '{name}' are not those of a physical body.")
 
 
 class Inertial(NamedTuple):
@@ -175,11 +214,6 @@ def is_physical(phi: np.ndarray) -> bool:
     """True if a rigid body with mass may have these parameters (10,), to rounding."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(phi))
     return bool(phi[0] > 0 and eigenvalues[0] >= -1e-12 * eigenvalues[-1])
-
-
-def differs(phi: np.ndarray, before: np.ndarray) -> bool:
-    """True if parameters of a body (10,) differ from those before by more than rounding."""
-    return bool(abs(phi - before).max() > SAME * abs(before).max())
 
 
 def note_inertias(model: mujoco.MjModel) -> None:

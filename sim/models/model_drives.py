@@ -17,16 +17,6 @@ _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPAR
 _FIXED_GAIN, _NO_DYNAMICS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtDyn.mjDYN_NONE)
 _BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
-_VOLTAGE = 8, 16
-"""Inputs of a DC motor, as of MuJoCo 4.0: its voltage, or none."""
-
-_SWITCHES = {
-    "stiffness": ("SPRING", "PASSIVE"),
-    "viscous": ("DAMPER", "PASSIVE"),
-    "coulomb": ("FRICTIONLOSS", "CONSTRAINT"),
-}
-"""Flags of the option that disable parts of a drive; MuJoCo's versions have some of them each."""
-
 
 def drives_of_model(
     model: mujoco.MjModel, freedoms: Collection[str], transmissions: Mapping[str, Sequence[Actuator]] | None = None
@@ -63,11 +53,11 @@ def freedom_names(model: mujoco.MjModel, j: int) -> tuple[str, ...]:
 
 def _drives(model: mujoco.MjModel, j: int, actuators: tuple[Actuator, ...]) -> Iterator[Drive]:
     """The drives of a joint's freedoms."""
-    first, stiffness = int(model.jnt_dofadr[j]), _unless_disabled(model, "stiffness", model.jnt_stiffness[j])
+    first, stiffness = int(model.jnt_dofadr[j]), float(model.jnt_stiffness[j])
     for dof, reference in enumerate(_references(model, j), first):
         yield Drive(
-            viscous=_unless_disabled(model, "viscous", model.dof_damping[dof]),
-            coulomb=_unless_disabled(model, "coulomb", model.dof_frictionloss[dof]),
+            viscous=float(model.dof_damping[dof]),
+            coulomb=float(model.dof_frictionloss[dof]),
             rotor=float(model.dof_armature[dof]),
             stiffness=stiffness,
             springref=float(reference) if stiffness else 0.0,
@@ -83,20 +73,13 @@ def _references(model: mujoco.MjModel, j: int) -> np.ndarray:
     return np.concatenate([at[:slides], turned])
 
 
-def _unless_disabled(model: mujoco.MjModel, part: str, value: float) -> float:
-    """Value of a part of a drive, zero if the model disables all such parts."""
-    flags = [getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0) for name in _SWITCHES[part]]
-    return 0.0 if any(model.opt.disableflags & int(flag) for flag in flags) else float(value)
-
-
 def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
     """Actuators on a hinge or slide, also by fixed tendons."""
     for a in acting_on(model, j):
         own: dict[str, Any] = {
             "gear": float(model.actuator_gear[a, 0]),
             "rotor": float(_values(model, "actuator_armature", a)[0]),
-            "viscous": _unless_disabled(model, "viscous", float(_values(model, "actuator_damping", a)[0])),
-            "coulomb": _friction_of_motor(model, a)[0],
+            "viscous": float(_values(model, "actuator_damping", a)[0]),
             "forcerange": tuple(model.actuator_forcerange[a].tolist()) if model.actuator_forcelimited[a] else None,
         }
         yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **law(model, a))
@@ -110,36 +93,11 @@ def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
 
 def law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
     """Gains of an actuator's force, all zero if it is not linear in command, length and velocity."""
-    if _is_dc_motor(model, a):
-        return _law_of_motor(model, a)
     linear = model.actuator_gaintype[a] == _FIXED_GAIN and model.actuator_biastype[a] in _BIASES
     if not linear or model.actuator_dyntype[a] != _NO_DYNAMICS or model.actuator_plugin[a] >= 0:
         return {"gain": 0.0}
     bias, kp, kv = model.actuator_biasprm[a, :3].tolist()
     return {"gain": float(model.actuator_gainprm[a, 0]), "kp": 0.0 - kp, "kv": 0.0 - kv, "bias": bias}
-
-
-def _is_dc_motor(model: mujoco.MjModel, a: int) -> bool:
-    """True for a `dcmotor`, which MuJoCo has since 3.7."""
-    return bool(model.actuator_gaintype[a] == int(getattr(mujoco.mjtGain, "mjGAIN_DCMOTOR", -1)))
-
-
-def _law_of_motor(model: mujoco.MjModel, a: int) -> dict[str, Any]:
-    """Gains of a DC motor from its voltage and, by back-EMF, its velocity: `F = K/R u - K²/R l'`.
-
-    All are zero if it has a controller, cogging, or dynamics of its current or temperature.
-    """
-    (R, K), gain, dynamics = model.actuator_gainprm[a, :2], model.actuator_gainprm[a], model.actuator_dynprm[a]
-    by_voltage = int(model.actuator_ctrlspec[a]) in _VOLTAGE if hasattr(model, "actuator_ctrlspec") else not gain[8]
-    if not by_voltage or gain[2:8].any() or dynamics[[0, 2, 3, 4]].any() or model.actuator_biasprm[a, 0]:
-        return {"gain": 0.0}
-    return {"gain": float(K / R), "kv": float(K**2 / R)}
-
-
-def _friction_of_motor(model: mujoco.MjModel, a: int) -> tuple[float, float]:
-    """Coulomb friction of a DC motor (LuGre), and what it is more at rest; zero for others."""
-    coulomb, at_rest = model.actuator_biasprm[a, 3:5].tolist() if _is_dc_motor(model, a) else (0.0, 0.0)
-    return coulomb, max(at_rest - coulomb, 0.0) if coulomb else 0.0
 
 
 def acting_on(model: mujoco.MjModel, j: int) -> list[int]:
@@ -173,8 +131,6 @@ def _has_more(model: mujoco.MjModel, j: int) -> bool:
     acting, dof = acting_on(model, j), int(model.jnt_dofadr[j])
     places = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", dof)]
     places += [("actuator_dampingpoly", a) for a in acting]
-    if any(_friction_of_motor(model, a)[1] for a in acting):
-        return True
     if model.jnt_type[j] in (_FREE, _BALL):
         places += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in acting]
     return any(_values(model, *place).any() for place in places)

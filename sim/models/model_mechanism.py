@@ -1,11 +1,15 @@
-"""Mechanisms from models: tree, gravity, masses, sites, joint ranges, drives, and constraints that close loops."""
+"""Mechanisms from models: tree, gravity, masses, sites, joint ranges, drives, loops; and shapes to draw."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from ident.annotations import typed
 from ident.arguments import checked_coordinates
@@ -21,16 +25,18 @@ from sim.models.mujoco_model import (
     BEYOND,
     Source,
     base_pose,
+    carrier_of,
     compiled,
     gravity_in_base,
     mechanism_bodies,
     parameters_from_model,
     place_of_site,
+    placed_pose,
     rest_coordinates,
     tree_from_model,
 )
-from sim.models.notes import joint_name, name_of, note, note_units
-from sim.models.opensim.reading import is_opensim, mechanism_from_opensim
+from sim.models.notes import body_name, joint_name, name_of, note, note_units
+from sim.models.opensim_model import is_opensim, mechanism_from_opensim
 from sim.models.urdf import transmissions
 
 
@@ -59,7 +65,6 @@ def mechanism(
     base: str | None = None,
     beyond: Sequence[str] = BEYOND,
     *,
-    merge_welds: bool = False,
     ignore: Collection[str] = (),
     fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     packages: Sequence[str | Path] = (),
@@ -72,7 +77,6 @@ def mechanism(
         source: The model; it is compiled once. OpenSim files, which end in `.osim`, are read without MuJoCo.
         base: Name of the body whose frame is {0}, as for `tree_from_model`; so are all other arguments.
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
-        merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
@@ -93,14 +97,14 @@ def mechanism(
         InputError: `base_rpy_deg` is malformed.
     """
     if is_opensim(source):
-        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix, drives=drives)
+        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
     else:
         text = None if isinstance(source, mujoco.MjModel) else source
         origin = Origin(compiled(source, packages), text, base, tuple(beyond), tuple(map(Path, packages)))
         arm = _from_mujoco(origin, ignore, checked_coordinates("fix", () if fix is None else fix), drives=drives)
     arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
     note_units(arm)
-    return _with_merged_welds(arm) if merge_welds else arm
+    return arm
 
 
 def _from_mujoco(
@@ -141,28 +145,10 @@ def mujoco_origin(arm: Mechanism) -> Origin:
     return arm.source
 
 
-def _with_merged_welds(arm: Mechanism) -> Mechanism:
-    """The mechanism with welded bodies merged into their parents."""
-    tree, merged = arm.tree.without_welds()
-    sites = {name: _on_carrier(arm.tree, tree, *site) for name, site in arm.sites.items()}
-    return replace(arm, tree=tree, prior=None if arm.prior is None else merged @ arm.prior, sites=sites)
-
-
 def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:
     """Sites that are fixed to bodies of a mechanism, by name."""
     places = {name_of(model, mujoco.mjtObj.mjOBJ_SITE, s): place_of_site(model, s, members) for s in range(model.nsite)}
     return {name: place for name, place in places.items() if place is not None}
-
-
-def _on_carrier(tree: Tree, merged: Tree, name: str, pose: np.ndarray) -> tuple[str, np.ndarray]:
-    """A place on a body of a tree, as a place on the merged body of the tree without welds."""
-    i = tree.names.index(name)
-    while i != BASE and tree.names[i] not in merged.names:
-        i, pose = tree.bodies[i].parent, tree.bodies[i].home @ pose
-    if i == BASE:
-        carrier = next(body for body in merged.bodies if not body.moves)
-        return carrier.name, inverse(carrier.home) @ pose
-    return tree.names[i], pose
 
 
 def _ranges(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[float, float]]:
@@ -170,3 +156,90 @@ def _ranges(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[float, float]]
     limits = {joint_name(model, j): model.jnt_range[j].tolist() for j in range(model.njnt) if model.jnt_limited[j]}
     joints = [tree.bodies[i].joint for i in tree.moving if not tree.bodies[i].is_ball]
     return {joint: (limits[joint][0], limits[joint][1]) for joint in joints if joint in limits}
+
+
+class Shape(NamedTuple):
+    """A convex solid.
+
+    Attributes:
+        body: Index of the tree's body that it is on, `BASE` for solids at rest.
+        vertices: Corners in the body's frame, or in the base frame for solids at rest, m (V, 3).
+        faces: Corners of each triangle, counterclockwise as seen from outside (F, 3).
+    """
+
+    body: int
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def shapes(arm: Mechanism) -> list[Shape]:
+    """Boxes, spheres, ellipsoids, capsules, cylinders and the convex hulls of meshes of a mechanism's model.
+
+    Planes, height fields and moving geoms outside the mechanism are left out. The list is empty for a mechanism that
+    was not read by MuJoCo.
+    """
+    if not isinstance(arm.source, Origin):
+        return []
+    model, members = arm.source.model, mechanism_bodies(arm.source.model, arm.source.base, arm.source.beyond)
+    collected = []
+    for g in range(model.ngeom):
+        place = carrier_of(model, int(model.geom_bodyid[g]), members)
+        # As in MuJoCo's viewer, geoms of the groups from 3 on, such as collision shapes, are not shown.
+        if place is None or model.geom_group[g] >= 3 or model.geom_rgba[g, 3] == 0:
+            continue
+        points = _points(model, g)
+        if points is None or (hull := _hull(points)) is None:
+            continue
+        b, carrier = place
+        T = carrier @ placed_pose(model.geom_pos[g], model.geom_quat[g])
+        body, T = (arm.tree.names.index(body_name(model, b)), T) if b in members else (BASE, inverse(arm.pose) @ T)
+        collected.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
+    return collected
+
+
+def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
+    """Points whose convex hull is a geom, in its frame (P, 3); None for geoms without a finite one."""
+    kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
+    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.linspace(0, 2 * np.pi, 16, endpoint=False)])
+    ends = np.array([[0, 0, -b], [0, 0, b]])
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return np.array([[x, y, z] for x in (-a, a) for y in (-b, b) for z in (-c, c)])
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return a * _directions()
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return _directions() * [a, b, c]
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return np.concatenate([a * _directions() + end for end in ends])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return np.concatenate([a * circle + end for end in ends])
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[g]
+            first = model.mesh_vertadr[mesh]
+            vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+            # The farthest point in each direction, so that a mesh of any size has a hull of few triangles.
+            return vertices[np.unique((vertices @ _directions().T).argmax(axis=0))].astype(float)
+    return None
+
+
+def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners and outward triangles of a convex hull; None for points that span no volume."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return None
+    a, b, c = (points[hull.simplices[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    used, numbered = np.unique(faces, return_inverse=True)
+    return points[used], numbered.reshape(faces.shape)
+
+
+@cache
+def _directions() -> np.ndarray:
+    """Corners and edge midpoints of an icosahedron, scaled to unit length (42, 3)."""
+    golden = (1 + np.sqrt(5)) / 2
+    corners = np.array([np.roll([0, x, y], k) for k in range(3) for x in (-1, 1) for y in (-golden, golden)])
+    edges = [(a + b) / 2 for a, b in combinations(corners, 2) if np.isclose(np.linalg.norm(a - b), 2)]
+    points = np.concatenate([corners, edges])
+    return points / np.linalg.norm(points, axis=1)[:, None]

@@ -8,10 +8,10 @@ from typing import Protocol, TypeAlias
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
-from ident.display.brief import INTERVALS
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
@@ -21,30 +21,32 @@ from sim.models.inertials import (
     Inertial,
     Update,
     bodies_in_order,
+    by_body,
+    check_physical,
     compiled_as_stated,
-    differs,
     inertial_of,
-    is_physical,
     overrides,
     remove_overrides,
     set_inertials,
+    shortened,
     stated_parts,
 )
 from sim.models.model_drives import bodies_of, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.notes import body_name, refusals
-from sim.models.opensim.reading import OpenSimOrigin, is_opensim
-from sim.models.opensim.writing import write_opensim
+from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.urdf_update import updated_urdf
-from sim.models.xml_files import ModelFile, parsed, restated, set_comment, text_of
+from sim.models.xml_files import SAME, ModelFile, digits, parsed, restated, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that generate bodies which the file does not list."""
+
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+"""Attributes of `<inertia>` and their indices in the matrix."""
 
 Stated = tuple[float, np.ndarray, np.ndarray]
 """Mass, centre of mass, and inertia about it."""
@@ -174,32 +176,26 @@ def specification(source: Editable, packages: Sequence[Path] = ()) -> mujoco.MjS
         return mujoco.MjSpec.from_file(str(source))
 
 
-def _members(origin: Origin, phi: np.ndarray) -> dict[int, np.ndarray]:
-    """φ (10,) of each body of a mechanism by its id."""
-    members = mechanism_bodies(origin.model, origin.base, origin.beyond)
-    if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
-        names = ", ".join(body_name(origin.model, b) for b in members)
-        raise InputError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
-    return dict(zip(members, phi.reshape(-1, 10), strict=True))
+def _members(origin: Origin) -> dict[str, int]:
+    """Ids of the bodies of a mechanism, by name."""
+    return {body_name(origin.model, b): b for b in mechanism_bodies(origin.model, origin.base, origin.beyond)}
 
 
-def _check_physical(origin: Origin, b: int, own: np.ndarray) -> None:
-    """Refuses φ (10,) that no rigid body has; zeros are allowed, for frames."""
-    if own.any() and not is_physical(own):
-        raise InputError(f"The parameters of '{body_name(origin.model, b)}' are not those of a physical body.")
+def _changed(origin: Origin, members: Mapping[str, int], update: Update) -> dict[str, np.ndarray]:
+    """φ (10,) of the bodies that differ from those of the model, by name."""
+    return update.changed([*members], lambda name: body_parameters(origin.model, members[name]))
 
 
 def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray) -> dict[int, Inertial]:
     """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change otherwise."""
-    model, members = origin.model, _members(origin, phi)
-    inertials = {}
+    model, members, inertials = origin.model, _members(origin), dict[int, Inertial]()
     if overrides(spec):
-        for b in set(range(1, model.nbody)) - set(members):
+        for b in set(range(1, model.nbody)) - set(members.values()):
             body = model.body(b)
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
-    for b, own in members.items():
-        _check_physical(origin, b, own)
-        inertials[b] = inertial_of(*stated_parts(own))
+    for name, own in by_body([*members], phi).items():
+        check_physical(name, own)
+        inertials[members[name]] = inertial_of(*stated_parts(own))
     return inertials
 
 
@@ -213,10 +209,8 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
 
 def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> bytes:
     """Content of an updated MJCF file in a folder."""
-    members, changed = _members(origin, update.phi), changed_drives(origin.model, update.drives)
-    spec = specification(source, origin.packages)
-    overriding = overrides(spec)
-    new = {b for b, own in members.items() if differs(own, body_parameters(origin.model, b))}
+    members, spec = _members(origin), specification(source, origin.packages)
+    overriding, changed = overrides(spec), _changed(origin, members, update)
     inertials = _inertials(spec, origin, update.phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
@@ -225,19 +219,18 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     else:
         file = ModelFile(Path(source), text_of(Path(source)))
         if not overriding:
-            inertials = {b: inertials[b] for b in new}
+            inertials = {members[name]: inertials[members[name]] for name in changed}
     root, bodies = file.root, bodies_of(file.root)
-    names = {b: body_name(origin.model, b) for b, own in members.items() if own.any()}
-    comments = {b: update.comments[name] for b, name in names.items() if name in update.comments}
+    phi = by_body([*members], update.phi)
+    short = {members[name]: stated_parts(phi[name], short=True) for name in update.comments}
     for b, inertial in inertials.items():
-        _state(bodies[b], inertial, stated_parts(members[b], short=True) if b in comments else None)
-    for b in new | comments.keys():
-        set_comment(bodies[b], INTERVALS, comments.get(b, ""))
+        _state(bodies[b], inertial, short.get(b))
+    update.comment(changed, lambda name: bodies[members[name]])
     if overriding:
         remove_overrides(root)
     ids = {body_name(origin.model, b): b for b in range(origin.model.nbody)}
     _displace(bodies, spec, {ids[name]: shift for name, shift in update.displaced.items()})
-    state_drives(root, changed)
+    state_drives(root, changed_drives(origin.model, update.drives))
     state_servos(root, changed_servos(origin.model, update.drives))
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
@@ -303,12 +296,8 @@ def _from(folder: Path, other: Path) -> str:
 
 def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
-    changed, dynamics = {}, urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
-    for b, own in _members(origin, update.phi).items():
-        if differs(own, body_parameters(origin.model, b)):
-            _check_physical(origin, b, own)
-            changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed, dynamics, update)
+    dynamics = urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
+    return _updated_urdf(Path(str(origin.text)), _changed(origin, _members(origin), update), dynamics, update)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:
@@ -331,3 +320,81 @@ def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False)
 
 def _is_urdf(path: str | Path) -> bool:
     return parsed(Path(path)).tag == "robot"
+
+
+def _updated_urdf(
+    path: Path, links: Mapping[str, np.ndarray], dynamics: Mapping[str, Mapping[str, float]], update: Update
+) -> bytes:
+    """Bytes of a URDF file with other inertias of some links, and other friction and places of some joints.
+
+    An inertia stays in the axes in which the file states it. A massless link keeps its centre of mass.
+
+    Args:
+        path: The file, which has already been read as a model.
+        links: φ (10,) of the links, about their frames, by name.
+        dynamics: Attributes of the joints' `<dynamics>`, by name.
+        update: Comments on links with inertias, and displacements of joints.
+
+    Raises:
+        ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
+    """
+    file = ModelFile(path, text_of(path))
+    # Of those with one name the first counts.
+    of_links, of_joints = (
+        {each.get("name", ""): each for each in reversed(file.root.findall(tag))} for tag in ("link", "joint")
+    )
+    for name, phi in links.items():
+        _state_link(of_links[name], phi, short=name in update.comments)
+    update.comment(links, lambda name: of_links[name].find("inertial"))
+    for name, attributes in dynamics.items():
+        values = {key: [value] for key, value in attributes.items()}
+        _set_child(of_joints[name], 0, "dynamics", values, max(map(abs, attributes.values())))
+    for joint in of_joints.values():
+        child = joint.find("child")
+        if child is not None and (name := child.get("link", "")) in update.displaced:
+            origin = joint.find("origin")
+            stated = "" if origin is None else origin.get("xyz", "")
+            place = np.array(stated.split() or np.zeros(3), float) + update.displaced[name]
+            _set_child(joint, 0, "origin", {"xyz": place.tolist()}, abs(place).max())
+    return file.changed()
+
+
+def _state_link(link: ET.Element, phi: np.ndarray, *, short: bool) -> None:
+    """States the φ of a link, perhaps with short numbers."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        if not phi[0]:
+            return
+        inertial = ET.Element("inertial")
+        link.insert(0, inertial)
+    mass, center, inertia = stated_parts(phi)
+    R = _axes(inertial)
+    inertia = R.T @ inertia @ R
+    if short and phi[0]:
+        mass, center, inertia = shortened(mass, center, inertia)
+    if phi[0]:
+        _set_child(inertial, 0, "origin", {"xyz": center.tolist()}, max(abs(center)))
+    _set_child(inertial, 1, "mass", {"value": [mass]}, mass)
+    moments = {key: [float(inertia[at])] for key, at in ENTRIES.items()}
+    _set_child(inertial, 2, "inertia", moments, max(abs(phi[4:])))
+
+
+def _axes(inertial: ET.Element) -> np.ndarray:
+    """Rotation from the axes of a stated inertia to the link's (3, 3)."""
+    origin = inertial.find("origin")
+    stated = "" if origin is None else origin.get("rpy", "")
+    return Rotation.from_euler("xyz", np.array(stated.split() or np.zeros(3), float)).as_matrix()
+
+
+def _set_child(
+    parent: ET.Element, index: int, tag: str, attributes: Mapping[str, Sequence[float]], size: float
+) -> None:
+    """Sets attributes of a child, to rounding relative to a size; zeros are not stated where nothing is."""
+    child = parent.find(tag)
+    if child is None:
+        if any(any(values) for values in attributes.values()):
+            parent.insert(index, ET.Element(tag, {key: digits(values) for key, values in attributes.items()}))
+        return
+    for key, values in attributes.items():
+        if key in child.attrib or max(map(abs, values)) > SAME * size:
+            child.set(key, restated(child.get(key), values, size))

@@ -19,7 +19,7 @@ from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
 from sim.models.notes import body_id, body_name, joint_name, refusals
-from sim.models.opensim.reading import is_opensim
+from sim.models.opensim_model import is_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.xml_files import SUFFIX as XACRO
 from sim.models.xml_files import parsed

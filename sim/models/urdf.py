@@ -2,7 +2,7 @@
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from math import isfinite
 from pathlib import Path
@@ -43,34 +43,47 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
         ModelError: One names no joint with one coordinate, itself, or another mimic joint, or a number is not finite.
     """
     mimics, joints, astray = Mimics(), root.findall("joint"), dict[str, str]()
-    names, single = {joint.get("name", "") for joint in joints}, [x for x in joints if x.get("type") in SINGLE]
-    free = (x for x in single if not {each.get("joint") for each in x.findall("mimic")} & names)
-    leading = [joint.get("name", "") for joint in free]
+    names = {joint.get("name", "") for joint in joints}
+    stated = {x.get("name", ""): x.findall("mimic") for x in joints if x.get("type") in SINGLE}
+    leading = [name for name, own in stated.items() if not {each.get("joint") for each in own} & names]
     for joint in joints:
-        name, own = joint.get("name", ""), joint.findall("mimic")
-        for element in own:
+        for element in joint.findall("mimic"):
             joint.remove(element)
+    for name, own in stated.items():
         leads = [element.get("joint", "") for element in own]
-        if not own or joint not in single:
-            continue
         if len(own) == 1 and leads[0] and leads[0] not in names:
             astray[name] = leads[0]
-            continue
-        if len(own) > 1 or leads[0] not in leading:
+        elif len(own) > 1 or not {*leads} <= {*leading}:
             raise ModelError(
                 f"{path}: joint '{name}' has to mimic one joint that moves by itself, out of "
                 f"{', '.join(each for each in leading if each != name) or 'none'}, "
-                f"not {' and '.join(map(repr, leads))}."
+                f"not {' and '.join(map(repr, leads))}{_instead(path, name, stated, leading)}."
             )
-        multiplier, offset = (
-            _finite(own[0].get(key) or usual, f"{path}: the mimic of joint '{name}' needs a finite {key}")
-            for key, usual in (("multiplier", "1"), ("offset", "0"))
-        )
-        mimics[name] = leads[0], multiplier, offset
+        elif own:
+            mimics[name] = leads[0], *_law(path, name, own[0])
     if astray:
         each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
         note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
     return mimics
+
+
+def _law(path: Path, name: str, mimic: ET.Element) -> tuple[float, float]:
+    """Multiplier and offset of a joint's `<mimic>`."""
+    multiplier, offset = (
+        _finite(mimic.get(key) or usual, f"{path}: the mimic of joint '{name}' needs a finite {key}")
+        for key, usual in (("multiplier", "1"), ("offset", "0"))
+    )
+    return multiplier, offset
+
+
+def _instead(path: Path, name: str, stated: Mapping[str, list[ET.Element]], leading: Sequence[str]) -> str:
+    """The `<mimic>` that a joint needs which mimics another one's, "" if it mimics something else."""
+    (first, *others), follower = stated[name], stated[name][0].get("joint", "")
+    between = stated.get(follower, [])
+    if others or len(between) != 1 or (lead := between[0].get("joint", "")) not in leading:
+        return ""
+    (a, b), (c, d) = _law(path, name, first), _law(path, follower, between[0])
+    return f'; write <mimic joint="{lead}" multiplier="{a * c:.12g}" offset="{a * d + b:.12g}"/> instead'
 
 
 def _finite(stated: str, needed: str, *, zero: bool = True) -> float:

@@ -1,4 +1,4 @@
-"""Motions that excite a mechanism: sums of sines with noise, and moves with trapezoidal velocities."""
+"""Motions that excite a mechanism: sums of sines with noise, moves with trapezoidal velocities, Fourier series."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -27,6 +27,19 @@ class DesiredMotion(Protocol):
         """The motion with noise scaled by a factor."""
 
 
+def make_arrays(motion: object, what: str, *names: str) -> None:
+    """Makes arrays of some fields of a motion.
+
+    Raises:
+        InputError: A number is not finite; the message begins with `what` it is of.
+    """
+    for name in names:
+        values = np.asarray(getattr(motion, name), float)
+        if not np.isfinite(values).all():
+            raise InputError(f"{what} needs finite numbers, got NaN or infinity.")
+        object.__setattr__(motion, name, values)
+
+
 @typed("noise")
 @dataclass(frozen=True, eq=False)
 class Excitation:
@@ -50,16 +63,13 @@ class Excitation:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("offset", "amplitude", "frequency", "phase"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+        make_arrays(self, "An excitation", "offset", "amplitude", "frequency", "phase")
         shapes = {self.amplitude.shape, self.frequency.shape, self.phase.shape}
         if len(shapes) != 1 or self.amplitude.ndim != 2 or self.offset.shape != self.amplitude.shape[:1]:
             raise InputError(
                 "An excitation needs offset (n,) and amplitude, frequency and phase (n, k), got shapes "
                 f"{self.offset.shape}, {self.amplitude.shape}, {self.frequency.shape} and {self.phase.shape}."
             )
-        if not all(np.isfinite(x).all() for x in (self.offset, self.amplitude, self.frequency, self.phase)):
-            raise InputError("An excitation needs finite numbers, got NaN or infinity.")
         if not (self.frequency > 0).all():
             raise InputError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
         if not (is_number(self.noise) and 0 <= self.noise < np.inf):
@@ -148,16 +158,13 @@ class Trapezoids:
     goals: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("start", "lasting", "goals"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+        make_arrays(self, "A motion with trapezoidal velocities", "start", "lasting", "goals")
         moves = self.start.shape
         if len(moves) != 2 or self.lasting.shape != moves or self.goals.shape != (moves[0], moves[1] + 1):
             raise InputError(
                 "Trapezoidal velocities need start (n, k), lasting (n, k) and goals (n, k + 1), got shapes "
                 f"{self.start.shape}, {self.lasting.shape} and {self.goals.shape}."
             )
-        if not all(np.isfinite(x).all() for x in (self.start, self.lasting, self.goals)):
-            raise InputError("Trapezoidal velocities need finite numbers, got NaN or infinity.")
         rests = self.start[:, 1:] - (self.start + self.lasting)[:, :-1]
         if not (self.lasting > 0).all() or not (rests >= 0).all():
             raise InputError(
@@ -215,3 +222,104 @@ class Trapezoids:
         moving = (u > 0) & (u < 1)
         bend = rate / part * (rising.astype(float) - falling) * moving
         return before + way * share, way * speed / lasting, way * bend / lasting**2
+
+
+@dataclass(frozen=True, eq=False)
+class FourierTrajectory:
+    """Motions `q = center + B(t) coefficients` of period `duration`, with q̇ = q̈ = 0 at the ends of each period.
+
+    The columns of B are combinations of `sin(kωt)/(kω)` and `cos(kωt)/(kω)`, ω = 2π/duration. A sum of sines
+    `a_k sin(kωt)/(kω)` is at rest when `Σ a_k = 0`, one of cosines `b_k cos(kωt)/(kω)` when `Σ k b_k = 0`; the columns
+    are orthonormal bases of the solutions of these two conditions. After Swevers et al., Optimal robot excitation and
+    identification (1997), whose series is not at rest.
+
+    Attributes:
+        duration: Period, s.
+        center: Mean joint positions, rad or m (n,).
+        coefficients: Coefficients in the unit of the velocities, rad/s or m/s (n, 2 K - 2) for K harmonics.
+    """
+
+    duration: float
+    center: np.ndarray
+    coefficients: np.ndarray
+
+    def __post_init__(self) -> None:
+        make_arrays(self, "A Fourier trajectory", "center", "coefficients")
+        shape = self.coefficients.shape
+        if self.center.ndim != 1 or shape[:1] != self.center.shape or len(shape) != 2 or shape[1] % 2 or not shape[1]:
+            raise InputError(
+                "A Fourier trajectory needs a center (n,) and coefficients (n, 2 K - 2) with K of at least 2, got "
+                f"shapes {self.center.shape} and {shape}."
+            )
+        _check_duration(self.duration)
+
+    @property
+    def harmonics(self) -> int:
+        """Number of harmonics K."""
+        return self.coefficients.shape[1] // 2 + 1
+
+    def states(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, velocities and accelerations.
+
+        Args:
+            time: Times, s (N,).
+
+        Returns:
+            q in rad or m, q̇ and q̈ in these units per s and s², each (N, n).
+        """
+        q, dq, ddq = basis(self.duration, self.harmonics, time) @ self.coefficients.T
+        return self.center + q, dq, ddq
+
+    @classmethod
+    def closest(cls, duration: float, harmonics: int, time: np.ndarray, q: np.ndarray) -> "FourierTrajectory":
+        """Least-squares fit of a series to sampled positions.
+
+        Args:
+            duration: Period, s.
+            harmonics: Number of harmonics K.
+            time: Times, s (N,).
+            q: Positions, rad or m (N, n).
+        """
+        B = basis(duration, harmonics, time)[0]
+        solution = np.linalg.lstsq(np.column_stack([np.ones(len(B)), B]), q, rcond=None)[0]
+        return cls(duration, solution[0], solution[1:].T)
+
+
+def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
+    """Basis functions of a `FourierTrajectory`, and their first two time derivatives.
+
+    Args:
+        duration: Period, s.
+        harmonics: Number of harmonics K.
+        time: Times, s (N,).
+
+    Returns:
+        B, Ḃ and B̈, in s, 1 and 1/s (3, N, 2 K - 2).
+
+    Raises:
+        InputError: There are too few harmonics, or the duration is not positive.
+    """
+    # With fewer, a series that rests at its ends has no free coefficients.
+    fewest = 2
+    if harmonics < fewest:
+        raise InputError(f"A series that starts and ends at rest needs at least {fewest} harmonics, got {harmonics}.")
+    _check_duration(duration)
+    k = np.arange(1.0, harmonics + 1)
+    w = 2 * np.pi * k / duration
+    sin, cos = (function(np.asarray(time, float)[:, None] * w) for function in (np.sin, np.cos))
+    S, C = _orthogonal_complement(np.ones(harmonics)), _orthogonal_complement(k)
+    return np.stack(
+        [np.hstack([sin / w @ S, cos / w @ C]), np.hstack([cos @ S, -sin @ C]), np.hstack([-sin * w @ S, -cos * w @ C])]
+    )
+
+
+def _orthogonal_complement(normal: np.ndarray) -> np.ndarray:
+    """Orthonormal columns orthogonal to a vector of positive numbers, from its Householder reflection (K, K - 1)."""
+    u = normal / np.linalg.norm(normal)
+    u[0] += 1
+    return (np.eye(len(u)) - np.outer(u, u) / u[0])[:, 1:]
+
+
+def _check_duration(duration: float) -> None:
+    if not 0 < duration < np.inf:
+        raise InputError(f"A Fourier trajectory needs a positive duration, got {duration} s.")

@@ -2,6 +2,14 @@
 
 minimise    cost(q, q̇, q̈)      over center and coefficients of a Fourier series
 subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both,  and no collisions
+
+From a start, f(x) is minimised subject to |A_j x_j| ≤ 1 for the variables of every joint j by a primal-dual
+interior-point method. With slacks s± = 1 ∓ A x, multipliers λ± and decreasing barrier weights μ, steps p solve
+
+    (B + Σ) p = -∇φ,     φ = f - μ Σ log s⁺ s⁻,     Σ_j = A_jᵀ (λ⁺/s⁺ + λ⁻/s⁻) A_j,     then λ± = (μ ± λ± A p)/s±
+
+where B approximates ∇²f by damped BFGS updates (Nocedal and Wright, *Numerical Optimization*, 2006, procedure 18.2 and
+chapter 19, doi:10.1007/978-0-387-40065-5). Time grows linearly with the number of limits.
 """
 
 from collections.abc import Callable
@@ -9,116 +17,12 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from ident.errors import InputError
 from ident.tolerances import HUGE
 from sim.motion.collisions import Collisions, Walls
-from sim.motion.interior_point import minimum
-
-
-@dataclass(frozen=True, eq=False)
-class FourierTrajectory:
-    """Motions `q = center + B(t) coefficients` of period `duration`, with q̇ = q̈ = 0 at the ends of each period.
-
-    The columns of B are combinations of `sin(kωt)/(kω)` and `cos(kωt)/(kω)`, ω = 2π/duration. A sum of sines
-    `a_k sin(kωt)/(kω)` is at rest when `Σ a_k = 0`, one of cosines `b_k cos(kωt)/(kω)` when `Σ k b_k = 0`; the columns
-    are orthonormal bases of the solutions of these two conditions. After Swevers et al., Optimal robot excitation and
-    identification (1997), whose series is not at rest.
-
-    Attributes:
-        duration: Period, s.
-        center: Mean joint positions, rad or m (n,).
-        coefficients: Coefficients in the unit of the velocities, rad/s or m/s (n, 2 K - 2) for K harmonics.
-    """
-
-    duration: float
-    center: np.ndarray
-    coefficients: np.ndarray
-
-    def __post_init__(self) -> None:
-        for name in ("center", "coefficients"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
-        shape = self.coefficients.shape
-        if self.center.ndim != 1 or shape[:1] != self.center.shape or len(shape) != 2 or shape[1] % 2 or not shape[1]:
-            raise InputError(
-                "A Fourier trajectory needs a center (n,) and coefficients (n, 2 K - 2) with K of at least 2, got "
-                f"shapes {self.center.shape} and {shape}."
-            )
-        if not (np.isfinite(self.center).all() and np.isfinite(self.coefficients).all()):
-            raise InputError("A Fourier trajectory needs finite numbers, got NaN or infinity.")
-        _check_duration(self.duration)
-
-    @property
-    def harmonics(self) -> int:
-        """Number of harmonics K."""
-        return self.coefficients.shape[1] // 2 + 1
-
-    def states(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, velocities and accelerations.
-
-        Args:
-            time: Times, s (N,).
-
-        Returns:
-            q in rad or m, q̇ and q̈ in these units per s and s², each (N, n).
-        """
-        q, dq, ddq = basis(self.duration, self.harmonics, time) @ self.coefficients.T
-        return self.center + q, dq, ddq
-
-    @classmethod
-    def closest(cls, duration: float, harmonics: int, time: np.ndarray, q: np.ndarray) -> "FourierTrajectory":
-        """Least-squares fit of a series to sampled positions.
-
-        Args:
-            duration: Period, s.
-            harmonics: Number of harmonics K.
-            time: Times, s (N,).
-            q: Positions, rad or m (N, n).
-        """
-        B = basis(duration, harmonics, time)[0]
-        solution = np.linalg.lstsq(np.column_stack([np.ones(len(B)), B]), q, rcond=None)[0]
-        return cls(duration, solution[0], solution[1:].T)
-
-
-def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
-    """Basis functions of a `FourierTrajectory`, and their first two time derivatives.
-
-    Args:
-        duration: Period, s.
-        harmonics: Number of harmonics K.
-        time: Times, s (N,).
-
-    Returns:
-        B, Ḃ and B̈, in s, 1 and 1/s (3, N, 2 K - 2).
-
-    Raises:
-        InputError: There are too few harmonics, or the duration is not positive.
-    """
-    # With fewer, a series that rests at its ends has no free coefficients.
-    fewest = 2
-    if harmonics < fewest:
-        raise InputError(f"A series that starts and ends at rest needs at least {fewest} harmonics, got {harmonics}.")
-    _check_duration(duration)
-    k = np.arange(1.0, harmonics + 1)
-    w = 2 * np.pi * k / duration
-    sin, cos = (function(np.asarray(time, float)[:, None] * w) for function in (np.sin, np.cos))
-    S, C = _orthogonal_complement(np.ones(harmonics)), _orthogonal_complement(k)
-    return np.stack(
-        [np.hstack([sin / w @ S, cos / w @ C]), np.hstack([cos @ S, -sin @ C]), np.hstack([-sin * w @ S, -cos * w @ C])]
-    )
-
-
-def _orthogonal_complement(normal: np.ndarray) -> np.ndarray:
-    """Orthonormal columns orthogonal to a vector of positive numbers, from its Householder reflection (K, K - 1)."""
-    u = normal / np.linalg.norm(normal)
-    u[0] += 1
-    return (np.eye(len(u)) - np.outer(u, u) / u[0])[:, 1:]
-
-
-def _check_duration(duration: float) -> None:
-    if not 0 < duration < np.inf:
-        raise InputError(f"A Fourier trajectory needs a positive duration, got {duration} s.")
-
+from sim.motion.excitation import FourierTrajectory, basis
 
 States: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """q, q̇ and q̈ of a motion, or a value for each of their entries (G, n)."""
@@ -326,3 +230,113 @@ class _Search:
         q, dq, ddq = np.swapaxes((self.maps @ x[:, :, None])[..., 0], 1, 2)
         value, derivatives = self.cost(q + self.limits.middle, dq, ddq)
         return value, np.einsum("dgj,djgw->jw", np.stack(derivatives), self.maps, optimize=True)
+
+
+Function = Callable[[np.ndarray], tuple[float, np.ndarray]]
+"""Value of f at a point (n, w), and its gradient there."""
+
+BARRIERS = (2.0, 0.2, 0.02, 0.002)
+"""Weights of the barrier, μ times the number of rows, in the unit of f: it costs less than twice the last weight."""
+
+SETTLED = 0.005
+"""Predicted decrease, relative to a weight, below which the method goes on to the next weight."""
+
+SIGNS = np.array([1.0, -1.0])[:, None, None]
+"""Signs of upper and lower limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A point x (n, w) with value and gradient of f, and the slacks s± (2, n, m)."""
+
+    x: np.ndarray
+    value: float
+    gradient: np.ndarray
+    slacks: np.ndarray
+
+    def barred(self, weight: float) -> float:
+        """Value of f with the barrier, φ."""
+        return self.value - weight * float(np.log(self.slacks).sum())
+
+
+def minimum(function: Function, start: np.ndarray, limits: np.ndarray, iterations: int) -> np.ndarray:
+    """Local minimum of a function within limits.
+
+    Args:
+        function: f and its gradient.
+        start: Initial point, strictly inside the limits (n, w).
+        limits: Rows A_j of n blocks (n, m, w).
+        iterations: Largest number of steps.
+
+    Returns:
+        The visited point of least value (n, w).
+    """
+    here = best = _Point(start, *function(start), 1 - SIGNS * _times(limits, start))
+    number, (barrier, *later) = limits[:, :, 0].size, BARRIERS
+    curvature, multipliers = np.eye(start.size), barrier / number / here.slacks
+    for _ in range(iterations):
+        step, slope, multipliers = _step(here, curvature, multipliers, limits, barrier / number)
+        there = None
+        if -slope > SETTLED * barrier:
+            there = _descended(function, here, step, slope, limits, barrier / number)
+        if there is not None:
+            curvature = _updated(curvature, (there.x - here.x).ravel(), (there.gradient - here.gradient).ravel())
+            here, best = there, min(best, there, key=lambda point: point.value)
+        elif later:
+            barrier = later.pop(0)
+        else:
+            break
+    return best.x
+
+
+def _step(
+    here: _Point, curvature: np.ndarray, multipliers: np.ndarray, limits: np.ndarray, weight: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """A step p (n, w), the slope of φ along it, and the multipliers after it (2, n, m)."""
+    n, _, w = limits.shape
+    central = weight / here.slacks
+    # Near μ/s, their values for a pure barrier method.
+    multipliers = np.clip(multipliers, central / 1e3, central * 1e3)
+    gradient = here.gradient + _times(np.swapaxes(limits, 1, 2), central[0] - central[1])
+    matrix = curvature.reshape(n, w, n, w).copy()
+    stiffness = (multipliers / here.slacks).sum(axis=0)
+    matrix[range(n), :, range(n)] += np.swapaxes(limits, 1, 2) @ (stiffness[:, :, None] * limits)
+    step = -cho_solve(cho_factor(matrix.reshape(n * w, -1)), gradient.ravel()).reshape(n, w)
+    after = (weight + SIGNS * multipliers * _times(limits, step)) / here.slacks
+    return step, float(np.sum(gradient * step)), after
+
+
+def _descended(
+    function: Function, here: _Point, step: np.ndarray, slope: float, limits: np.ndarray, weight: float
+) -> _Point | None:
+    """Point after a backtracking line search with the Armijo condition, None if no step length satisfies it.
+
+    A step attains at least 1e-4 of the predicted decrease, and at most .99 of the distance to the nearest limit.
+    """
+    loss = SIGNS * _times(limits, step)
+    length = min(1.0, 0.99 / float((loss / here.slacks).max()))
+    before = here.barred(weight)
+    for _ in range(12):
+        x = here.x + length * step
+        there = _Point(x, *function(x), here.slacks - length * loss)
+        if there.barred(weight) <= before + 1e-4 * length * slope:
+            return there
+        length /= 2
+    return None
+
+
+def _updated(B: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Approximate Hessian after a step s that changed the gradient by y, by a damped BFGS update."""
+    if np.array_equal(B, np.eye(len(B))) and s @ y > 0:
+        B = B * (s @ y) / (s @ s)
+    Bs = B @ s
+    expected, actual = s @ Bs, s @ y
+    if actual < 0.2 * expected:
+        part = 0.8 * expected / (expected - actual)
+        y = part * y + (1 - part) * Bs
+    return np.asarray(B - np.outer(Bs, Bs) / expected + np.outer(y, y) / (s @ y))
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Each block's matrix (n, m, w) times its vector (n, w)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

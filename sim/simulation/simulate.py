@@ -16,7 +16,6 @@ from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
-from ident.model.tape import Program, Tape
 from ident.recordings.recording import Recording
 from sim.models.couplings import couplings
 from sim.models.model_mechanism import mechanism
@@ -90,11 +89,8 @@ class Servos:
 
     def poses(self, body: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions, m (N, 3), and quaternions, w, x, y, z (N, 4), of a body in the world."""
-        tree, tape, T = self.mechanism.tree, Tape(len(self.order)), np.zeros((16, len(q)))
-        program = Program.of(tape, tree.poses(np.array(tape.inputs))[tree.names.index(body)].ravel().tolist())
-        program.fill(T)
-        program.run(q[:, self.order].T, T)
-        poses = T.T.reshape(-1, 4, 4)
+        tree = self.mechanism.tree
+        poses = tree.poses(q[:, self.order])[:, tree.names.index(body)]
         return poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
 
 
@@ -155,9 +151,6 @@ LONGEST = 1_000_000
 
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
-
-TOGETHER = 4
-"""Number of simulations per thread whose steps are in memory at a time, some 4 MB each."""
 
 
 @typed("noise_scale")
@@ -237,10 +230,11 @@ def simulate_many(
     settings = {"excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()}, "rate_hz": rate}
     disturbed = excitation.with_noise(noise_scale)
     recordings = []
-    for first in range(0, len(seeds), TOGETHER * threads):
-        batch = seeds[first : first + TOGETHER * threads]
+    # The steps of as many simulations as there are threads are in memory, some 4 MB each.
+    for first in range(0, len(seeds), threads):
+        batch = seeds[first : first + threads]
         generators = [np.random.default_rng(seed).spawn(2) for seed in batch]
-        runs = _runs(model, disturbed, (samples, rate), [rng for rng, _ in generators], min(threads, len(batch)))
+        runs = _runs(model, disturbed, (samples, rate), [rng for rng, _ in generators], len(batch))
         for seed, (_, rng), readings, error in zip(batch, generators, *runs, strict=True):
             given = {"samples": samples, "seed": int(seed), "noise_scale": noise_scale}
             origin = scene | settings | given | {"tracking_error_rad": float(error)}

@@ -10,7 +10,7 @@ from pages import identified, replayed
 from experiments.document.replay import ellipsoid
 from ident.geometry.inertia import parameters_from_com
 from sim import mechanism
-from sim.models.shapes import shapes
+from sim.models.model_mechanism import shapes
 
 
 @pytest.mark.usefixtures("undrawn")

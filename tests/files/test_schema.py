@@ -19,7 +19,7 @@ from ident.files.atomic import replacing
 from ident.files.limits import made
 from ident.files.table import Table
 from ident.recordings.mapping import read_mapping
-from sim.markers.model_files import read_settings
+from sim.markers.marked_model import read_settings
 
 
 @dataclass(frozen=True)

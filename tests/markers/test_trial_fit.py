@@ -12,9 +12,8 @@ from experiments.angles import main
 from ident.errors import InputError, ModelError
 from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
-from sim.markers.lengths import grouped, scaled_model, scaling
+from sim.markers.lengths import grouped, scaled_model, scaling, write_scaled
 from sim.markers.marked_model import base_of, marked_model
-from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 

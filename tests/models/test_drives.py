@@ -1,4 +1,4 @@
-"""Drives of joints as MJCF, URDF and OpenSim files state them."""
+"""Drives of joints as MJCF and URDF files state them."""
 
 from dataclasses import replace
 
@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 from commands import sentence_of
-from opensim_files import Joint, coordinate, coupler, document, linear
 
 import sim
 from ident.mechanism.drives import Actuator, Drive
@@ -56,17 +55,9 @@ def test_motors_have_rotors_friction_and_gains():
     rotor = arm('<motor name="m" joint="shoulder" gear="-10" armature=".02" damping=".003"/>').drives["shoulder"]
     assert (rotor.viscous, rotor.rotor) == (0.5, 0.0)
     assert (rotor.value("viscous"), rotor.value("rotor")) == pytest.approx((0.8, 2.0))
-    motor = '<dcmotor name="m" joint="elbow" gear="-10" motorconst=".1 .1" resistance="2" armature=".02" {}/>'
-    drive = arm(motor.format('lugre="1e4 10 .3 .3 .5"')).drives["elbow"]
-    own = drive.actuators[0]
-    assert (own.gain, own.kv, own.kp, own.coulomb) == pytest.approx((0.05, 0.005, 0, 0.3))
-    assert drive.value("coulomb") - drive.coulomb == pytest.approx(3.0) and drive.value("rotor") > 2.0 - 1e-12
-    assert drive.with_value("coulomb", 3.5).coulomb == pytest.approx(0.5)
-    with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
-        arm(motor.format('lugre="1e4 10 .3 .4 .5"'))
-    for more in ('cogging="1 2 3"', 'inductance="1 .1"', 'thermal="1 2 3 4 5 6"'):
-        with pytest.warns(ModelNote, match="The forces of m are no gain times a command"):
-            assert arm(motor.format(more)).drives["elbow"].actuators[0].kind == "general"
+    motor = '<dcmotor name="m" joint="elbow" motorconst=".1 .1" resistance="2"/>'
+    with pytest.warns(ModelNote, match="The forces of m are no gain times a command"):
+        assert arm(motor).drives["elbow"].actuators[0].kind == "general"
 
 
 @pytest.mark.parametrize(
@@ -124,65 +115,3 @@ def test_a_urdf_file_states_damping_friction_and_reductions_as_numbers(written):
     ):
         path = written("r.urdf", URDF.format(dynamics, transmission))
         assert sentence_of(sim.mechanism, path).endswith(message)
-
-
-@pytest.fixture
-def leg(written):
-    """Reads a leg in OpenSim's format with forces: a hip, a locked ankle, and a kneecap that follows the knee."""
-    joints = [
-        Joint("PinJoint", "a", "ground", "thigh", [coordinate("hip")]),
-        Joint("PinJoint", "b", "thigh", "shank", [coordinate("knee")]),
-        Joint("PinJoint", "c", "shank", "patella", [coordinate("kneecap")]),
-        Joint("PinJoint", "d", "shank", "foot", [coordinate("ankle", locked=True)]),
-    ]
-    phi = {joint.child: np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0]) for joint in joints}
-    text = document(joints, phi, constraints=coupler("knee", "kneecap", linear(0.5)))
-
-    def read(*forces, **options):
-        path = written("leg.osim", text.replace("<ForceSet><objects>", f"<ForceSet><objects>{''.join(forces)}"))
-        return sim.mechanism(path, **options)
-
-    return read
-
-
-def spring(name, on, kind="SpringGeneralizedForce", **numbers):
-    inside = "".join(f"<{key}>{x}</{key}>" for key, x in numbers.items())
-    return f'<{kind} name="{name}"><coordinate>{on}</coordinate>{inside}</{kind}>'
-
-
-def stop(degrees):
-    limits = {"upper_limit": degrees, "lower_limit": -degrees}
-    stiff = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
-    return spring("stop", "hip", "CoordinateLimitForce", **limits, **stiff)
-
-
-def test_springs_and_dampers_of_coordinates_are_drives(leg):
-    forces = (
-        spring("s", "hip", stiffness=3, rest_length=0.25, viscosity=0.4),
-        spring("u", "/jointset/a/hip", stiffness=1, rest_length=-0.75, viscosity=0.1),
-        spring("d", "knee", viscosity=0.7),
-        spring("off", "knee", viscosity=1, appliesForce="false"),
-        spring("old", "knee", viscosity=1, isDisabled="true"),
-        spring("locked", "ankle", stiffness=9),
-        stop(86),
-    )
-    drives = leg(*forces).drives
-    assert drives == {"hip": Drive(viscous=0.5, stiffness=4, springref=0.0), "knee": Drive(viscous=0.7)}
-    assert leg(*forces, fix={"hip": []}).drives.keys() == {"knee"}
-    assert not leg(*forces, drives=False).drives
-    with pytest.warns(ModelNote, match="The springs s of coordinates that follow others are left out"):
-        assert not leg(spring("s", "kneecap", stiffness=1)).drives
-    with pytest.warns(ModelNote, match="The forces stop begin inside their coordinates' ranges"):
-        leg(stop(60))
-
-
-@pytest.mark.parametrize(
-    ("force", "message"),
-    [
-        (spring("s", "hip", stiffness=-1), "Joint 'hip' needs a stiffness of at least 0, got -1."),
-        (spring("s", "hip", viscosity="x"), '<SpringGeneralizedForce name="s"> needs a finite number in <viscosity>'),
-        (spring("s", "toe"), "<SpringGeneralizedForce name=\"s\"> needs a coordinate of the model, got 'toe'."),
-    ],
-)
-def test_bad_springs_are_refused(leg, force, message):
-    assert message in sentence_of(leg, force)

@@ -65,24 +65,22 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body n
 
 @pytest.mark.parametrize("base", [None, "base", "plinth"])
 @pytest.mark.parametrize("fix", [None, {"lift": [0.4]}])
-def test_sites_are_where_mujoco_has_them_also_where_welds_are_merged(base, fix):
+def test_sites_are_where_mujoco_has_them(base, fix):
     model, spec = mujoco.MjModel.from_xml_string(ARM), mujoco.MjSpec.from_string(ARM)
     data = mujoco.MjData(model)
     data.qpos[:] = [0.4 if fix else 0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
     mujoco.mj_kinematics(model, data)
     home = pose(data.body(base or "world").xmat.reshape(3, 3), data.body(base or "world").xpos)
-    kept, merged = (mechanism(spec, base, merge_welds=merge, fix=fix) for merge in (False, True))
-    assert len(merged.bodies) < len(kept.bodies) and merged.bodies == merged.tree.names
-    assert {"low", "tip"} == kept.sites.keys() == merged.sites.keys()
-    for arm in (kept, merged):
-        poses = home @ arm.tree.poses(data.qpos[len(fix or ()) :])
-        for name in arm.sites:
-            body, place = arm.site(name)
-            T = poses[arm.tree.names.index(body)] @ place
-            np.testing.assert_allclose(T[:3, 3], data.site(name).xpos, atol=1e-12)
-            np.testing.assert_allclose(T[:3, :3].ravel(), data.site(name).xmat, atol=1e-12)
-        with pytest.raises(ValueError, match="no site named 'gone'; its sites are "):
-            arm.site("gone")
+    arm = mechanism(spec, base, fix=fix)
+    assert {"low", "tip"} == arm.sites.keys()
+    poses = home @ arm.tree.poses(data.qpos[len(fix or ()) :])
+    for name in arm.sites:
+        body, place = arm.site(name)
+        T = poses[arm.tree.names.index(body)] @ place
+        np.testing.assert_allclose(T[:3, 3], data.site(name).xpos, atol=1e-12)
+        np.testing.assert_allclose(T[:3, :3].ravel(), data.site(name).xmat, atol=1e-12)
+    with pytest.raises(ValueError, match="no site named 'gone'; its sites are "):
+        arm.site("gone")
 
 
 def test_a_model_without_mass_is_a_mechanism_without_a_prior():

@@ -17,7 +17,7 @@ import sim
 from ident.errors import ModelError
 from ident.model.regressor import joint_torque_regressor
 from sim.models.notes import ModelNote
-from sim.models.opensim.elements import CLOSE, curve
+from sim.models.opensim_elements import CLOSE, curve
 
 DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]
@@ -124,6 +124,13 @@ def test_a_base_carries_its_part_of_the_model(stated):
     np.testing.assert_allclose(own[leg.tree.names.index("toes")], expected, atol=1e-12)
     led = sentence_of(stated, text.replace("name>beta_0", "name>ankle_0"), base="shank")
     assert "model.osim" in led and "follows 'bend', which is no joint with one coordinate of its tree" in led
+
+
+def test_gravity_is_in_the_axes_of_a_base_at_rest(stated):
+    turned = Joint("WeldJoint", "root", "ground", "pelvis", at=(np.zeros(3), np.array([0, 0, np.pi / 2])))
+    text = document([turned], {"pelvis": random_phi(np.random.default_rng(0), 1)})
+    x, y, z = stated(text).gravity
+    np.testing.assert_allclose(stated(text, base="pelvis").gravity, [y, -x, z], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,9 @@ from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
-from sim.models.model_mechanism import mechanism
+from sim.models.model_mechanism import mechanism, shapes
 from sim.models.model_update import updated_spec, write_model
 from sim.models.notes import ModelNote
-from sim.models.shapes import shapes
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -160,7 +159,8 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(read):
     [
         (
             (joint("left"), RIGHT, joint("tip", '<mimic joint="right" multiplier="2" offset="1"/>')),
-            "joint 'tip' has to mimic one joint that moves by itself, out of left, not 'right'",
+            "joint 'tip' has to mimic one joint that moves by itself, out of left, not 'right'; write <mimic "
+            'joint="left" multiplier="-3" offset="1.2"/> instead',
         ),
         ((joint("left", '<mimic joint="right"/>'), RIGHT), "joint 'left' has to mimic one .* of none, not 'right'"),
         ((joint("left", '<mimic joint="left"/>'), joint("tip")), "'left' has to mimic one .* of tip, not 'left'"),

@@ -11,9 +11,8 @@ import ident
 import scenes
 import sim
 from sim.motion import person
-from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.motion.excitation_design import FourierTrajectory
-from sim.motion.interior_point import minimum
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory, Trapezoids
+from sim.motion.excitation_design import minimum
 from sim.motion.person import ACTIVITIES, RAIL, Style
 
 TIME = np.arange(943) / 100

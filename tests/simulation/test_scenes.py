@@ -18,8 +18,8 @@ from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import Wrench, total_wrench, transform_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.contacts import fall
 from sim.simulation.simulate import simulate
+from sim.simulation.stepped import fall
 
 MODEL = scenes.load("double_pendulum").compile()
 

@@ -21,9 +21,9 @@ from ident.recordings.faults import with_servos
 from ident.setup import PRIORS
 from sim.models.notes import body_name
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.simulation.commanded import rolled_out
 from sim.simulation.readings import COMMAND, ONE_DOF, STATE, sensors
-from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, moved_by, servos, simulate, simulate_many
+from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, moved_by, servos, simulate, simulate_many
+from sim.simulation.stepped import rolled_out
 
 TILT = {"tilt_deg": 5, "azimuth_deg": 120}
 JOINTS = ["joint1", "joint2"]
@@ -138,7 +138,7 @@ def test_accelerations_and_sensors_are_those_of_the_forward_dynamics_at_the_reco
 
 
 def test_threads_and_company_make_no_difference():
-    spec, seeds = scenes.load("double_pendulum", **SCENES[-1]), [7, 0, 5, 0, *range(100, 100 + TOGETHER)]
+    spec, seeds = scenes.load("double_pendulum", **SCENES[-1]), [7, 0, 5, 0, *range(100, 104)]
     alone = [simulate(spec, DOUBLE_PENDULUM, samples=20, seed=seed) for seed in seeds]
     for threads in (1, 3):
         together = simulate_many(spec, DOUBLE_PENDULUM, seeds=seeds, samples=20, threads=threads)

@@ -18,7 +18,7 @@ from commands import entries_of
 from stand_ins import Here
 
 from experiments import batch, identify
-from experiments.data.batch_outcomes import LogOutcome, agreement, spreads
+from experiments.data.comparison import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import workers
 from ident.files.atomic import PARTIAL, unwritten

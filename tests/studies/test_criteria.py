@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 import scenes
 from experiments.data import paper
-from experiments.studies import criteria, excitation_problem
+from experiments.studies import excitation_problem
 from experiments.studies.excitation_problem import SLIP, drive_signals
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
@@ -38,7 +38,7 @@ def test_predicted_deviations_are_those_of_an_estimate(pendulum):
     wrench = base_wrench_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.prior
     samples = Samples(motion, wrench, np.diag(np.repeat(noise, 3) ** 2))
     problem = excitation_problem.problem(arm, None, sensors="wrench", noise=noise)
-    predicted = criteria.predicted_deviations(problem, motion)
+    predicted = excitation_problem.predicted_deviations(problem, motion)
     np.testing.assert_allclose(predicted, least_squares(Equations.of_wrench(arm), samples).std, rtol=0.01)
 
 
@@ -48,7 +48,7 @@ def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
     B[range(base.rank), list(base.kept)] = 1
     B[:, list(base.dependent)] = base.beta
     np.testing.assert_allclose(B @ phi, base.regroup(phi))
-    L = criteria.known_root(pendulum)
+    L = excitation_problem.known_root(pendulum)
     S = block_diag(*(body_covariance(own) for own in phi.reshape(-1, 10)))
     np.testing.assert_allclose(L.T @ L, B @ S @ B.T, atol=1e-14)
     m1 = np.sqrt(np.sum((0.2 * phi[::10]) ** 2))
@@ -56,12 +56,12 @@ def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
 
 
 def test_what_cannot_be_seen_stays_as_known(pendulum):
-    value = criteria.cost(pendulum, "deviations", 100)
+    value = excitation_problem.cost(pendulum, "deviations", 100)
     resting = np.exp(value(*RESTING.states)[0])
     assert 0.1 < resting < 1
     quiet = replace(pendulum, whitening=1e-9 * pendulum.whitening)
-    assert criteria.quality(quiet, PAPERS)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
-    assert np.isfinite(criteria.predicted_deviations(pendulum, RESTING)).all()
+    assert excitation_problem.quality(quiet, PAPERS)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
+    assert np.isfinite(excitation_problem.predicted_deviations(pendulum, RESTING)).all()
 
 
 SENSING = """
@@ -117,7 +117,7 @@ def test_columns_are_the_torques_of_unit_drives():
 def test_derivatives_are_differences(criterion, samples):
     """With few samples, some combinations are not excited."""
     design, motion, step = driven(ALL), random_motion(samples), 1e-6
-    cost = criteria.cost(design, criterion, 1000)
+    cost = excitation_problem.cost(design, criterion, 1000)
     _, derivatives = cost(*motion.states)
     rng = np.random.default_rng(1)
     for which in range(3):

@@ -36,8 +36,8 @@ TABLE_PSI = {name: name for name in paper.TABLE_3} | {"m1": "m1 + m2 + m3", "m1r
 TABLE_PSI |= {"m2rz2": "m2rz2 + l_1*m3", "Ixx2": "Ixx2 + l_1**2*m3", "Ixz2": "Ixz2 - l_1*m3rx3"}
 
 
-GOLDEN = ("rx90", "stanford_rrprrr")
-"""Two of OpenSYMORO's mechanisms: a long chain, and one with a slide."""
+GOLDEN = ("stanford_rrprrr",)
+"""One of OpenSYMORO's mechanisms: a long chain with a slide."""
 KINDS = ("revolute", "prismatic", "helical", "ball")
 CASES = [*codegen.TABLES, *GOLDEN, "random"]
 
@@ -168,13 +168,13 @@ def test_command_writes_latex_python_and_c(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_general_arm_is_derived(tmp_path, capsys):
-    """Three revolute joints in general directions."""
+    """Two revolute joints in general directions."""
     rng = np.random.default_rng(1)
-    numbers = [[" ".join(f"{x:.4f}" for x in rng.normal(size=3) * size) for size in (0.3, 0.1, 1)] for _ in range(3)]
+    numbers = [[" ".join(f"{x:.4f}" for x in rng.normal(size=3) * size) for size in (0.3, 0.1, 1)] for _ in range(2)]
     path = chain(tmp_path, *((f'pos="{p}"', f'pos="{c}" axis="{axis}"', 'size=".1"') for p, c, axis in numbers))
     assert derive.main([str(path), "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "are decimals, because there are 18 lengths and directions that are not along frame axes." in printed
+    assert "are decimals, because there are 12 lengths and directions that are not along frame axes." in printed
     table = printed[: printed.index("The coefficients")]
     assert all(len(digits.replace(".", "").strip("0")) <= 6 for digits in re.findall(r"\d[.\d]+", table))
     assert (tmp_path / "arm" / "dim.tex").read_text(encoding="utf-8").count(r"\begin{align*}") == 3

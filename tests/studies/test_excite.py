@@ -12,14 +12,14 @@ from mechanisms import by_joint, sines
 import sim
 from experiments import excite
 from experiments.data import paper
-from experiments.studies import criteria, designed_excitation, excitation_problem
+from experiments.studies import designed_excitation, excitation_problem
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions, Walls, reachable
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import FourierTrajectory, Limits, _Search, design, random_start, scaled_into
+from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory
+from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 TIME = np.arange(943) / 100
@@ -97,7 +97,7 @@ def check_gradient(function, x):
 
 @pytest.mark.parametrize("criterion", paper.CRITERIA)
 def test_the_searchs_gradient_is_that_of_its_value(criterion):
-    search = _Search(criteria.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
+    search = _Search(excitation_problem.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
     check_gradient(search.value_and_gradient, 0.2 * np.random.default_rng(0).normal(size=(2, 5)))
 
 
@@ -173,13 +173,13 @@ def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys):
     assert re.search(r"Before lasts 1[89]\.?\d* s, after 10 s", shown)
     *rows, _ = rows_of(tmp_path / "out" / "table_deviations.csv")
     problem = excitation_problem.problem(mechanism(arm), None, sensors="wrench")
-    expected = criteria.predicted_deviations(problem, Motion(*sines(np.arange(0.5, 19.5, 0.01), *waves)))
+    expected = excitation_problem.predicted_deviations(problem, Motion(*sines(np.arange(0.5, 19.5, 0.01), *waves)))
     np.testing.assert_allclose([float(row["std_before"]) for row in rows], expected, rtol=0.1)
 
 
 def test_a_motion_around_collisions_is_found():
     limits = Limits([-1.5, -2.9], [1.5, 2.9], [2.0, 3.0], [8.0, 12.0])
-    cost = criteria.cost(PROBLEM, "determinant", 601)
+    cost = excitation_problem.cost(PROBLEM, "determinant", 601)
     time = np.linspace(0, 6, 2001)
     collisions = Collisions(MODEL, TREE, 0.01)
     start = random_start(limits, 6.0, 4, np.random.default_rng(0))
@@ -235,7 +235,10 @@ def test_a_four_bar_is_excited_by_its_crank(tmp_path):
 def test_the_cost_of_a_five_bar_has_exact_derivatives():
     design = excitation_problem.problem(read(FIVE_BAR), ["crank", "right"], sensors="torque", drive=None)
     assert design.joints == ("crank", "right") and design.mechanism.tree.dependent == ("rod", "arm")
-    value, states = criteria.cost(design, "determinant", 40), 0.2 * np.random.default_rng(0).normal(size=(3, 40, 2))
+    value, states = (
+        excitation_problem.cost(design, "determinant", 40),
+        0.2 * np.random.default_rng(0).normal(size=(3, 40, 2)),
+    )
     _, slopes = value(*states)
     for kind, k in ((0, 0), (0, 1), (1, 0), (2, 1)):
         step = np.zeros((3, 40, 2))

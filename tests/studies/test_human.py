@@ -63,7 +63,7 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
             asked.append(seed)
             raise KeyboardInterrupt
         asked.append((seed, laboratory.rail, activities))
-        return persons.at_a_rail()
+        return persons.briefly()
 
     monkeypatch.setattr(person_on_plates, "study", quick)
     command = ["--persons", "3", "--seed", "5", "--no-rail", "--activities", "squats", "--workers", "1"]
@@ -72,13 +72,13 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
     first, *_, last = asked
     assert (first, last) == ((5, False, ["squats"]), (7, False, ["squats"])) and asked.count(first) == 1
     first, *others, every = rows_of(tmp_path / "table_coverage.csv")
-    person = persons.at_a_rail()
+    person = persons.briefly()
     assert len(others) == 2 and int(every["determined"]) == 3 * int(first["determined"]) == 3 * person.determined.sum()
     assert float(every["hold"]) == pytest.approx(person.coverage)
     assert float(first["rms_z"]) == pytest.approx(np.sqrt(np.mean(person.distances[1][person.determined] ** 2)))
     better = person.errors["prior"] / person.errors["trajectory estimate"]
     assert float(first["times_better"]) == pytest.approx(better.min())
-    assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not every["noise_of_angles"]
+    assert 0.3 < float(first["noise_of_angles"]) < 0.7 and not every["noise_of_angles"]
     assert "laboratory" in refusal(main, [c for c in command if c != "--no-rail"] + ["--resume"], capsys)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from commands import entries_of, rows_of
 from mechanisms import double_pendulum
-from persons import at_a_rail
+from persons import briefly
 from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
@@ -16,16 +16,16 @@ from experiments.data import paper
 from experiments.document.figures import SHEET
 from experiments.reports import paper_report
 from experiments.runs import workers
-from experiments.studies import pendulum_drawn, person_on_plates
+from experiments.studies import person_on_plates
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
-DRAWING = pendulum_drawn.drawing()
+DRAWING = paper.drawing()
 
 
 def test_figure_1_is_drawn_from_the_scene():
-    q1, q2 = pendulum_drawn.DRAWN_AT
+    q1, q2 = paper.DRAWN_AT
     elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
     np.testing.assert_allclose(DRAWING.poses[2][:3, 3], elbow, atol=1e-12)
     end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
@@ -48,10 +48,10 @@ def test_table_2_is_that_of_the_paper():
 
 
 def test_table_1_as_printed_is_the_double_pendulum():
-    tree = pendulum_drawn.tree_of_table_1(DRAWING.base, 0.425)
+    tree = paper.tree_of_table_1(DRAWING.base, 0.425)
     assert tree.names == ("2", "6", "10") and tree.joints == ("4", "8")
-    assert pendulum_drawn.difference(tree, double_pendulum(base=DRAWING.base)) < 1e-14
-    assert pendulum_drawn.difference(pendulum_drawn.tree_of_table_1(np.zeros(3), 0.4), DRAWING.tree) > 0.01
+    assert paper.difference(tree, double_pendulum(base=DRAWING.base)) < 1e-14
+    assert paper.difference(paper.tree_of_table_1(np.zeros(3), 0.4), DRAWING.tree) > 0.01
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
@@ -67,7 +67,7 @@ def run(folder, *more):
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         use_truth(patched)
-        patched.setattr(person_on_plates, "study", lambda *_, **__: at_a_rail())
+        patched.setattr(person_on_plates, "study", lambda *_, **__: briefly())
         assert everything([*OPTIONS, "--out", str(folder), *more]) == 0
     return folder
 
@@ -102,7 +102,7 @@ def test_everything_on_one_page(out):
     numbers = *(f"Figure {k}" for k in range(1, 6)), "Table I,", "Table II,", "Table III"
     words = "scene_sha256", 'name="viewport"', "@media print", "prefers-color-scheme: dark", "true, simplified"
     formula = "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>"
-    texts = *numbers, *words, formula, f"{paper.CONDITION_NUMBER_MULTICONTACT:g}", "* The paper put inertias"
+    texts = *numbers, *words, formula, f"{paper.SECTION_7['condition_number']['contact']:g}", "* The paper put inertias"
     assert [text for text in texts if text not in page] == [] and "m2rz2" not in page
     assert page.count("data:image/svg+xml;base64,") == 12
     assert page.count("from joint angles and wrenches alone") > 6

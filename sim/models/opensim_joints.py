@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import ModelError
 from ident.mechanism.constraint import Coincidence
-from sim.models.opensim.elements import (
+from sim.models.opensim_elements import (
     GROUND,
     IDENTITY,
     Curve,

@@ -1,87 +1,35 @@
-"""Mechanisms from OpenSim files, with springs as drives."""
+"""Mechanisms from OpenSim files, and these files with other inertias and places of joints."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.arguments import checked_coordinates
-from ident.errors import ModelError, about
-from ident.geometry.inertia import parameters_from_com, symmetric
-from ident.mechanism.drives import NO_DRIVE, Drive
+from ident.errors import InputError, ModelError, about
+from ident.files.atomic import replacing
+from ident.geometry.inertia import entries, parameters_from_com, symmetric
 from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
-from sim.models.inertials import is_balanced
+from sim.models.inertials import Update, by_body, is_balanced, stated_parts
 from sim.models.notes import note
-from sim.models.opensim.elements import Frames, flag, label, markers, model_element, number, numbers, objects, text
-from sim.models.opensim.joints import point_constraints
-from sim.models.opensim.skeleton import Skeleton
-from sim.models.xml_files import parsed
-
-
-def drives_of_coordinates(model: ET.Element, skeleton: Skeleton, tree: Tree) -> dict[str, Drive]:
-    """Drives of a tree's coordinates by their names: every `SpringGeneralizedForce` that acts on one of them.
-
-    Warns:
-        ModelNote: A spring acts on a coordinate that follows another one, or a limit's force inside a range.
-
-    Raises:
-        ModelError: The coordinate of a spring does not exist, or one of its numbers is none.
-    """
-    out, dependent = dict[str, Drive](), list[str]()
-    for element, name in _acting(model, "SpringGeneralizedForce"):
-        if name not in skeleton.coordinates:
-            raise ModelError(f"{label(element)} needs a coordinate of the model, got '{name}'.")
-        if name in tree.joints:
-            out[name] = _with_spring(out.get(name, NO_DRIVE), element)
-        elif not (skeleton.coordinates[name].locked or name in skeleton.tree.joints):
-            dependent.append(element.get("name", ""))
-    if dependent:
-        note(f"The springs {', '.join(dependent)} of coordinates that follow others are left out of joint torques.")
-    limits = [
-        element.get("name", "")
-        for element, name in _acting(model, "CoordinateLimitForce")
-        if name in tree.joints and _acts_inside(element, skeleton, tree, name)
-    ]
-    if limits:
-        note(
-            f"The forces {', '.join(limits)} begin inside their coordinates' ranges, and are left out of joint torques."
-        )
-    return {name: drive for name, drive in out.items() if drive != NO_DRIVE}
-
-
-def _acting(model: ET.Element, kind: str) -> Iterator[tuple[ET.Element, str]]:
-    """Yields the forces of a kind that are not switched off, and the names of their coordinates."""
-    for element in objects(model, "ForceSet"):
-        if element.tag == kind and flag(element, "appliesForce", True) and not flag(element, "isDisabled", False):
-            yield element, text(element, "coordinate").rpartition("/")[2]
-
-
-def _with_spring(drive: Drive, element: ET.Element) -> Drive:
-    """A drive with one more spring: several act as one of their common stiffness, at rest at their weighted mean."""
-    stiffness, rest = number(element, "stiffness", "0"), number(element, "rest_length", "0")
-    viscous = drive.viscous + number(element, "viscosity", "0")
-    together = drive.stiffness + stiffness
-    if not together:
-        return Drive(viscous)
-    reference = (drive.stiffness * drive.springref + stiffness * rest) / together
-    return Drive(viscous, stiffness=together, springref=reference)
-
-
-def _acts_inside(element: ET.Element, skeleton: Skeleton, tree: Tree, name: str) -> bool:
-    """True if the force at the limits of a coordinate, in degrees for a turn, begins inside the coordinate's range."""
-    body = next(body for body in tree.bodies if body.joint == name)
-    unit, limits = np.pi / 180 if body.turns else 1.0, skeleton.coordinates[name].range
-    if limits is None:
-        return False
-    low, high = (unit * number(element, f"{end}_limit", inf) for end, inf in (("lower", "-1e9"), ("upper", "1e9")))
-    # Degrees are rounded.
-    return low > limits[0] + 1e-3 or high < limits[1] - 1e-3
-
+from sim.models.opensim_elements import (
+    Frames,
+    label,
+    markers,
+    model_element,
+    number,
+    numbers,
+    offset,
+    text,
+)
+from sim.models.opensim_joints import Link, links_in_order, point_constraints
+from sim.models.opensim_skeleton import Skeleton
+from sim.models.xml_files import ModelFile, parsed, restated, text_of
 
 STANDARD_GRAVITY = "0 -9.80665 0"
 """Default gravity, m/s²; y points up."""
@@ -117,14 +65,13 @@ def mechanism_from_opensim(
     *,
     ignore: Collection[str] = (),
     fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
-    drives: bool = True,
 ) -> Mechanism:
     """Mechanism of an OpenSim file.
 
     Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
     functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
-    `PointConstraint`s and `WeldConstraint`s close loops. Markers become sites, springs and dampers of coordinates
-    drives. Axes are those of the file, with y up in most; muscles, geometry and contacts are left out.
+    `PointConstraint`s and `WeldConstraint`s close loops. Markers become sites. Axes are
+    those of the file, with y up in most; muscles, springs, geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.
@@ -132,14 +79,12 @@ def mechanism_from_opensim(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of constraints to leave out.
         fix: Coordinates that do not move, each with its value, or empty for its default.
-        drives: False to leave out springs and dampers.
 
     Returns:
         The mechanism, with `OpenSimOrigin` as its source.
 
     Warns:
-        ModelNote: Tabulated functions were replaced by polynomials, an inertia is impossible for a rigid body, or as
-            for `drives_of_coordinates`.
+        ModelNote: Tabulated functions were replaced by polynomials, or an inertia is impossible for a rigid body.
 
     Raises:
         ModelError: Something in the file cannot be read; the message names it.
@@ -152,8 +97,8 @@ def mechanism_from_opensim(
         tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
         if base is not None:
             # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
-            gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
-            tree = skeleton.carried(base)
+            tree, R = skeleton.based(base)
+            gravity = gravity if R is None else R.T @ gravity
         tree = _without(tree, origin.beyond)
         rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
         # The model itself holds locked coordinates at their default.
@@ -165,8 +110,7 @@ def mechanism_from_opensim(
         ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
         places = markers(model, frames)
         sites = {name: (place.body, place.pose) for name, place in places.items() if place.body in bodies}
-        stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
-        read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
+        read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
         constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree).checked(tree)
         if closing := [row.name for row in constraints.rows]:
@@ -206,3 +150,79 @@ def _note_inertias(frames: Frames, bodies: Sequence[str]) -> None:
             odd.append(name)
     if odd:
         note(f"The inertia stated for {', '.join(odd)} is taken as it is, but no rigid body has it (A + B < C).")
+
+
+def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
+    """Writes the file of a mechanism with other inertial parameters, and perhaps other places of joints.
+
+    Args:
+        path: File to write; its folder must exist.
+        mechanism: The mechanism, from an OpenSim file.
+        update: Its new values; drives stay as they are.
+
+    Raises:
+        ModelError: A joint has no offset frame to displace, or the file is in UTF-16 or UTF-32, has elements in
+            entities, or does not read back as φ.
+        InputError: φ does not fit the bodies, one is not physical, or the path does not end in `.osim`.
+    """
+    origin: OpenSimOrigin = mechanism.source
+    if path.suffix.lower() != ".osim":
+        raise InputError(f"An OpenSim model is written as an OpenSim file; write '{path.stem}.osim' instead.")
+    file = ModelFile(origin.path, text_of(origin.path))
+    model = model_element(origin.path, file.root)
+    frames = Frames(model)
+    bodies = frames.bodies
+    changed = update.changed(mechanism.bodies, lambda name: body_parameters(bodies[name]))
+    for name, own in changed.items():
+        _state(bodies[name], own, short=name in update.comments)
+    update.comment(changed, bodies.get)
+    links = {link.child.body: link for link in links_in_order(model, frames)} if update.displaced else {}
+    for name, shift in update.displaced.items():
+        _displace(origin.path, links[name], shift)
+    with replacing(path) as temporary:
+        temporary.write_bytes(file.changed())
+        after = Frames(model_element(temporary, parsed(temporary))).bodies
+        for name, own in by_body(mechanism.bodies, update.phi).items():
+            if abs(body_parameters(after[name]) - own).max() > update.tolerance * abs(own).max():
+                raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
+
+
+def _displace(path: Path, link: Link, shift: np.ndarray) -> None:
+    """Displaces a joint in the frame of the body that it is on."""
+    frame = text(link.joint, "socket_parent_frame").rpartition("/")[2]
+    offsets = [each for each in link.joint.iterfind("frames/PhysicalOffsetFrame") if each.get("name") == frame]
+    places = [(link.joint, "location_in_parent", "orientation_in_parent")]
+    for place in (*places, *((each, "translation", "orientation") for each in offsets)):
+        element, position, _ = place
+        if (stated := element.find(position)) is not None:
+            own = offset(*place)
+            _set(stated, own[:3, 3] + own[:3, :3] @ link.parent.pose[:3, :3].T @ shift)
+            return
+    body = link.child.body
+    raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
+
+
+def _state(body: ET.Element, phi: np.ndarray, *, short: bool) -> None:
+    """States the φ of a body, perhaps with short numbers."""
+    mass, center, inertia = stated_parts(phi, short=short)
+    numbers: dict[str, Iterable[float]] = {"mass": [mass], "mass_center": center}
+    if body.find("inertia") is not None or not any(body.find(f"inertia_{key}") is not None for key in MOMENTS):
+        numbers["inertia"] = entries(inertia)
+    else:
+        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries(inertia), strict=True)}
+    missing = 0
+    for tag, values in numbers.items():
+        element = body.find(tag)
+        if element is None:
+            element = ET.Element(tag)
+            body.insert(missing, element)
+            missing += 1
+        _set(element, values)
+
+
+def _set(element: ET.Element, values: Iterable[float]) -> None:
+    """Sets the numbers in an element; comments between them go if they change."""
+    stated, new = element.text, restated(element.text, values)
+    if new.split() != (stated or "").split():
+        element[:] = []
+        element.text = new

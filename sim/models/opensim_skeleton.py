@@ -11,8 +11,8 @@ from ident.geometry import se3
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.tree import Tree
 from sim.models.notes import note
-from sim.models.opensim.elements import GROUND, Frames
-from sim.models.opensim.joints import (
+from sim.models.opensim_elements import GROUND, Frames
+from sim.models.opensim_joints import (
     Coordinate,
     Dependence,
     ElementaryMotion,
@@ -73,20 +73,12 @@ class Skeleton:
         spans += [own] if own else []
         return (max(low for low, _ in spans), min(high for _, high in spans)) if spans else None
 
-    def moves(self, base: str) -> bool:
-        """True if a joint lies between a body and the ground."""
-        return any(self.tree.bodies[i].moves for i in self._below(base))
-
-    def rotation(self, base: str) -> np.ndarray:
-        """Rotation matrix of a body that is welded to the ground, in the ground's frame (3, 3)."""
-        T = np.eye(4)
-        for i in self._below(base):
-            T = self.tree.bodies[i].home @ T
-        return T[:3, :3]
-
-    def carried(self, base: str) -> Tree:
-        """Tree of a body and all its descendants, with the body's frame as {0}."""
-        return self.tree.beyond(self._below(base)[0])
+    def based(self, base: str) -> tuple[Tree, np.ndarray | None]:
+        """Tree of a body and all its descendants, and the body's rotation matrix in the ground, None if it moves."""
+        below, R = self._below(base), np.eye(3)
+        for i in below:
+            R = self.tree.bodies[i].home[:3, :3] @ R
+        return self.tree.beyond(below[0]), None if any(self.tree.bodies[i].moves for i in below) else R
 
     def _below(self, base: str) -> list[int]:
         """Indices of a body, its parent, and so on to the ground."""

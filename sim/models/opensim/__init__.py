@@ -1,1 +1,0 @@
-"""OpenSim's models read as mechanisms, and written back with other inertias; nothing here needs MuJoCo."""
