@@ -18,7 +18,7 @@ from ident.display.parameters import Groups, Parameter, intervals, parameters_fr
 from ident.display.text import first_parameters, headline, undetermined_sentence
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
-from ident.files.objects import load_object, save_object
+from ident.files.atomic import load_object, save_object
 from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding

@@ -19,6 +19,7 @@ from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
+from ident.files.readers import name_of
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import about_best
 from ident.judgement.finding import line_of
@@ -27,7 +28,6 @@ from ident.judgement.wording import NAMED, listed, number_of
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
-from ident.recordings.several_clocks import name_of
 from ident.recordings.stated import Servo
 from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE, ROUNDING

@@ -24,7 +24,7 @@ from experiments.runs.environment import THREADS, environment, held_back, seldom
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.estimation.sources import in_order
-from ident.files import npz
+from ident.files.arrays import arrays
 from ident.files.atomic import save_arrays
 from ident.files.limits import parsed_json, reason
 
@@ -61,7 +61,7 @@ class Checkpoint:
             InputError: There are none, or they belong to another run.
         """
         try:
-            data = npz.arrays(self.file)
+            data = arrays(self.file)
             kept, outcomes = parsed_json(str(data["identity"])), bytes(data["outcomes"]).decode().splitlines()
             parsed = [parsed_json(text) for text in outcomes]
             wanted = json.loads(json.dumps(self.identity))

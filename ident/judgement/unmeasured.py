@@ -16,7 +16,7 @@ from ident.estimation.preparation import LeftOut, Prepared
 from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import applied, coAd
 from ident.judgement.checks import NEAR, NotCheckedError, check_contact, predicted_wrench, upward
-from ident.recordings.faults import running_median, runs
+from ident.recordings.smoothing import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.trajectory.angles_alone import smoothed

@@ -12,8 +12,8 @@ import numpy as np
 from ident.annotations import Needs, Point, Positive, one_of
 from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
-from ident.files.column import UNITS
 from ident.files.limits import made, toml
+from ident.files.table import UNITS
 from ident.mechanism.body import BASE, Body, Follower
 from ident.tolerances import ROUNDING
 from sim.models.inertials import remove_overrides
