@@ -109,21 +109,6 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path, content, mapping, message
     assert sentence.startswith(str(tmp_path)) and message in sentence
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ({"time": T + (T >= 0.2) * 0.02}, "row 22, column 'time' has a gap of 0.03 s, from 0.19 s to 0.22 s"),
-        ({"time": T - (T >= 0.2) * 0.02}, "row 22, column 'time' goes back in time by 0.01 s"),
-        ({"time": T - (T >= 0.2) * 0.01}, "row 22, column 'time' repeats the time of the sample before, but not its"),
-        ({"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)}, "row 22, column 'q_hip' is empty or NaN, as are 20 .*, 20 in"),
-    ],
-)
-def test_faults_name_their_row(tmp_path, columns, message):
-    (tmp_path / "log.csv").write_text(text(PLAIN | columns))
-    with pytest.raises(LogError, match=message):
-        read_log(tmp_path / "log.csv", LEG)
-
-
 def test_files_that_are_no_logs(tmp_path):
     (tmp_path / "log.xlsx").write_text("")
     for name, reason in {
