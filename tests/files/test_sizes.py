@@ -137,7 +137,7 @@ EVIL = [
     (with_header(HEADER % "(-40,)"), ""),
     (with_header(FLOATS.replace("<f8", "<q9")), ""),
     (with_header(FLOATS + " " * 20_000), ""),
-    (X[:-8], "Failed to read all data"),
+    (X[:-8], "reading array data, expected 320 bytes"),
     (X[:40], "reading array header"),
     (npy(np.array([{}] * 40, object)), "needs real numbers in one or two dimensions, it holds object"),
     (npy(np.ones(40, complex)), "holds complex128"),

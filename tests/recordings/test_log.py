@@ -18,7 +18,7 @@ OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
         *(text(PLAIN, *layout) for layout in (";", ";,", "\t", "\t,")),
         text(PLAIN).rstrip(),
         "\ufeff" + text(PLAIN),
-        text(PLAIN).encode("utf-16"),
+        *(text(PLAIN).encode(encoding) for encoding in ("utf-16", "utf-16-le", "utf-16-be")),
         text(PLAIN).replace(",", " , "),
         text(PLAIN).replace("\n", ",\n"),
         text(PLAIN).replace("q_hip", '"q_hip"'),

@@ -109,6 +109,12 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path, content, mapping, message
     assert sentence.startswith(str(tmp_path)) and message in sentence
 
 
+def test_of_samples_at_one_time_the_first_counts_where_some_may_be_missing(tmp_path):
+    log = read(tmp_path, {**PLAIN, "time": np.where(COUNT == 20, T[19], T)}, gaps=True)
+    assert "Samples at the time of the one before were dropped: 1, the first is row 22." in log.notes
+    assert len(log.as_measured("hip_position").time) == N - 1
+
+
 def test_files_that_are_no_logs(tmp_path):
     (tmp_path / "log.xlsx").write_text("")
     for name, reason in {
