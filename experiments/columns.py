@@ -15,7 +15,7 @@ HEADS = ("quantity", "column", "unit", "certainty", "reasons")
 """Heads of the table of what the columns probably hold."""
 
 RATE = options.decimal("a number of samples per second, in Hz", lambda x: 1e-3 <= x < HUGE)
-"""Type of a rate, as for `ident.recordings.entries.Rate`."""
+"""Type of a rate, as for `ident.recordings.mapping.Rate`."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.guesses.log_contents import TRIAL
     from ident.display.brief import listed
     from ident.estimation.equations import channels_out_of_plane
-    from ident.recordings.several_clocks import files_of
+    from ident.files.readers import files_of
     from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]

@@ -27,7 +27,7 @@ from ident.display.parameters import (
 )
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
-from ident.files.objects import load_object, save_object
+from ident.files.atomic import load_object, save_object
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding

@@ -13,7 +13,7 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
-from ident.files.table import TYPES, InMemory, kind_of
+from ident.files.readers import TYPES, InMemory, kind_of
 from ident.judgement.unmodelled import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN

@@ -15,8 +15,8 @@ from ident.estimation.equations import COMPONENTS, Equations, predicted_channels
 from ident.estimation.preparation import Part, Prepared, equations_of
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
-from ident.recordings.faults import stretches
 from ident.recordings.recording import Recording
+from ident.recordings.smoothing import stretches
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import HeldOut

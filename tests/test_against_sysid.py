@@ -7,7 +7,7 @@ import pytest
 
 import ident
 import sim
-from ident.recordings.faults import with_servos
+from ident.recordings.followers import with_servos
 
 sysid = pytest.importorskip("mujoco.sysid", reason="MuJoCo 4 has sysid")
 

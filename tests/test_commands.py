@@ -16,7 +16,7 @@ import sim
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
 from ident.mechanism.motion import Motion
-from ident.recordings.faults import with_servos
+from ident.recordings.followers import with_servos
 from ident.recordings.stated import Servo
 from ident.setup import PRIORS
 

@@ -218,7 +218,7 @@ def _logs(args: argparse.Namespace) -> tuple[list[Path], list[Path]]:
 
 
 def _files(log: Path) -> tuple[Path, ...]:
-    from ident.recordings.several_clocks import files_of
+    from ident.files.readers import files_of
 
     return files_of(log)
 

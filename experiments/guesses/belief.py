@@ -2,24 +2,25 @@
 
 import json
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import Words, unit_of, words
 from ident.errors import InputError
 from ident.files.atomic import replacing
-from ident.files.column import CURRENT, UNITS
 from ident.files.csv_file import Layout
+from ident.files.readers import name_of
 from ident.files.table import BASE as POSES_OF_BASE
+from ident.files.table import CURRENT, UNITS
 from ident.mechanism.mechanism import Mechanism, plane_normal
 from ident.recordings.mapping import joint_kinds
-from ident.recordings.several_clocks import name_of
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
 """Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; doubtful, so that it is
@@ -38,6 +39,10 @@ ORDER = (
 """Order of the lines of a wrench or pose."""
 
 
+UNIT_KEYS = {"force": "unit", "torque": "torque_unit"}
+"""Keys of the units of forces and of moments."""
+
+
 def named(likeness: float) -> tuple[str, str]:
     """Reason and certainty of what is named like something."""
     return ("named so", SURE) if likeness >= 0.99 else (f"named alike ({100 * likeness:.0f} %)", LIKELY)
@@ -49,7 +54,7 @@ class Quantity:
 
     Attributes:
         joint: The joint.
-        kind: The quantity, a key of `ident.files.column.KINDS`.
+        kind: The quantity, a key of `ident.files.table.KINDS`.
         column: The column.
         sure: Certainty.
         why: Reasons.
@@ -134,6 +139,20 @@ class ColumnGroup:
         own = (each["column"] if isinstance(each, dict) else each for names in lists for each in names)
         return [name for name in own if isinstance(name, str) and name]
 
+    def turn(self, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
+        """Sets the sign and the axes of a wrench, at right angles if they are to 3°."""
+        if opposite:
+            self.entries["applied_to_link"] = TableEntry(False, f"the opposite sign: {why}")
+        if not np.array_equal(rotation, np.eye(3)):
+            angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
+            near = 90 * np.round(angles / 90)
+            angles = np.where(np.abs(angles - near) < 3, near, angles).round(1) + 0.0
+            self.entries["rpy_deg"] = TableEntry(angles.tolist(), f"its axes in those of the {frame}: {why}")
+            # A frame that is not turned states no angles.
+            if "frame" in self.entries:
+                self.entries["frame"] = TableEntry("plate", "axes other than the world's")
+                self.entries["position"] = TableEntry([0, 0, 0], "the world's origin")
+
 
 @dataclass
 class Belief:
@@ -215,6 +234,44 @@ class Belief:
         """Adds a question, perhaps on the positions of joints."""
         self.open.append(sentence)
         self.undecided |= set(joints)
+
+    def ask_place(self, group: ColumnGroup, why: str) -> None:
+        """Leaves a wrench a remark, with a question on the place where it is measured."""
+        group.entries["body"] = TableEntry("?", "the body beyond the sensor", DOUBTFUL)
+        self.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
+        self.rename(group)
+
+    def rename(self, group: ColumnGroup) -> None:
+        """Gives a wrench that is not the ground's its own name."""
+        self.groups.pop(group.name)
+        group.name, group.is_open = group.own_name, False
+        self.groups[group.name] = group
+
+    def set_unit(self, groups: Iterable[ColumnGroup], kind: str, ratio: float) -> bool:
+        """Sets the unit of forces or moments by size, unless it is known, and returns True if it is not the SI unit.
+
+        Args:
+            groups: The wrenches.
+            kind: `force` or `torque`.
+            ratio: Size of the columns over what the model predicts in SI units.
+        """
+        key, choices = UNIT_KEYS[kind], UNITS[kind]
+        sizes = {unit: ratio * choice for unit, choice in choices.items()}
+        unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
+        # Up to half way, as factors go, to the next unit, which is a thousand times as large.
+        if not 1 / np.sqrt(1000) < sizes[unit] < np.sqrt(1000):
+            self.notes.append(
+                f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
+                "which no other unit explains."
+            )
+            return False
+        changed, why = False, f"in {unit} it has {sizes[unit]:.2g} times the size that the model predicts"
+        for entries in (group.entries for group in groups):
+            columns = [name for k in (kind, "free_moment") if k in entries for name in entries[k].value]
+            if key not in entries and any(columns) and not self.log.states_unit(columns):
+                entries[key] = TableEntry(unit, why)
+                changed = choices[unit] != 1
+        return changed
 
     @property
     def outer(self) -> dict[str, ColumnGroup]:

@@ -1,4 +1,4 @@
-"""Checks of beliefs against the model: units and signs of joints, the base's orientation, and gains of torques."""
+"""Checks of beliefs by the log and the model: units and signs of joints, the base's orientation, gains of torques."""
 
 import tomllib
 from collections.abc import Mapping
@@ -7,13 +7,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry, toml_text
+from experiments.guesses.belief import (
+    BASE,
+    DOUBTFUL,
+    LIKELY,
+    SURE,
+    Belief,
+    ColumnGroup,
+    Quantity,
+    TableEntry,
+    toml_text,
+)
+from experiments.guesses.log_contents import LONG, ROUND, is_one
 from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
-from experiments.guesses.wrench_checks import set_axes, set_units_of_wrenches
+from experiments.guesses.wrenches import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
-from ident.files.column import CURRENT, UNITS
+from ident.files.table import CURRENT, UNITS
 from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
@@ -22,6 +33,87 @@ from ident.tolerances import FAR_BETTER
 
 CLEARLY = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
+
+
+def set_units(belief: Belief) -> None:
+    """Sets units of positions by the file, their names, their velocities' units, and their size."""
+    log, kinds, open_ones = belief.log, belief.kinds, list[Quantity]()
+    for x in belief.of("position").values():
+        if x.column in log.units:
+            x.why.append("the file knows its unit")
+        elif stated := belief.stated(x):
+            x.unit = stated
+            x.why.append(f"{x.unit} by its name")
+        elif by_rate := _unit_by_rate(belief, x):
+            x.unit = by_rate
+            x.why.append(f"{x.unit} by its velocity, whose name has a unit")
+        elif x.column in log.columns:
+            open_ones.append(x)
+    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
+        those = [x for x in open_ones if kinds[x.joint] == kind]
+        others = {x.unit for joint, x in belief.of("position").items() if kinds[joint] == kind} - {""}
+        sizes = {x.joint: log.largest(x.column) for x in those}
+        # A program has one unit for all angles.
+        unit = others.pop() if len(others) == 1 else larger if max(sizes.values(), default=0) > limit else usual
+        for x in those:
+            alike = sizes[x.joint] > limit or unit == usual
+            x.unit, x.sure = unit, x.sure if alike else LIKELY
+            x.why.append(f"{unit} since it goes to {sizes[x.joint]:.3g}" + f", and others are in {unit}" * (not alike))
+    belief.by_size = {x.joint for x in open_ones if kinds[x.joint] == "hinge"}
+
+
+def _unit_by_rate(belief: Belief, position: Quantity) -> str:
+    """Unit of a position in which the derivative is the velocity in the unit that its name states; "" if unknown."""
+    rate, log = belief.of("velocity").get(position.joint), belief.log
+    if not rate or not belief.stated(rate) or not {rate.column, position.column} <= log.columns.keys():
+        return ""
+    kind = belief.kinds[position.joint]
+    ratio = log.rate_factor(log.columns[position.column], rate.column)
+    ratio *= UNITS[f"{kind} velocity"][belief.stated(rate)]
+    return next((own for own, scale in UNITS[f"{kind} position"].items() if is_one(ratio / scale)), "")
+
+
+def doubt_units(belief: Belief) -> None:
+    """Makes positions likely whose unit their size alone suggests, and remarks of those that may be percentages."""
+    percentages = list[str]()
+    for joint, x in belief.of("position").items():
+        if joint in belief.by_size and x.sure == SURE:
+            x.sure = LIKELY
+            x.why.append("which nothing else shows")
+        # LeRobot writes percentages of calibrated ranges, or degrees, under the same names.
+        is_open = x.column.endswith(".pos") and x.unit in ("deg", "mm") and x.sure != SURE
+        if x.about.unit == "%" or (is_open and belief.log.largest(x.column) <= 100):
+            percentages.append(joint)
+            x.sure = DOUBTFUL
+    if percentages:
+        belief.ask(
+            f"The positions of {', '.join(percentages)} may be percentages of calibrated ranges. Map degrees by "
+            'unit = "deg", percentages by unit, gain and constant, so that gain * column + constant is the position.',
+            percentages,
+        )
+
+
+def set_rates(belief: Belief) -> None:
+    """Sets units and signs of velocities and accelerations as derivatives; drops columns that are no derivatives."""
+    log, rates = belief.log, (("velocity", "position"), ("acceleration", "velocity"))
+    for x, of in ((x, of) for kind, of in rates for x in belief.of(kind).values()):
+        state, stated = belief.values(x.joint, of), belief.stated(x)
+        if state is None or x.column not in log.columns:
+            continue
+        choices = {"": belief.factor(x)} if x.column in log.units else UNITS[f"{belief.kinds[x.joint]} {x.kind}"]
+        ratio = log.rate_factor(state, x.column)
+        fits = {unit: ratio * choice for unit, choice in choices.items() if is_one(ratio * choice)}
+        x.sure = SURE
+        if not fits:
+            x.why = [f"it is {ratio:.3g} times the derivative" if ratio else "it is not the derivative"]
+            belief.notes.append(
+                f"Column '{x.column}' is named like the {x.kind} of '{x.joint}', but {x.why[0]} of what is taken for "
+                f"its {of}; it is left out."
+            )
+            x.column = ""
+            continue
+        x.unit, x.gain = stated if stated in fits else next(iter(fits)), float(np.sign(ratio))
+        x.why.append(f"{fits[x.unit]:.2f} times the derivative of the {of}" + f" in {x.unit}" * bool(x.unit))
 
 
 def check_positions(model: ComparedModel) -> None:

@@ -1,24 +1,53 @@
-"""Guess of a mapping of columns from a log and a model: all evidence in its order, and units of joints' columns."""
+"""Guess of a mapping of columns from a log and a model: all evidence in its order, and orders of numbered columns."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from math import perm
 from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, Quantity, TableEntry
-from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
-from experiments.guesses.groups import add_poses, add_wrenches
-from experiments.guesses.log_contents import LONG, ROUND, check_same_columns, is_one, log_contents
-from experiments.guesses.model import ComparedModel
-from experiments.guesses.orders import add_any, add_series
-from experiments.guesses.scores import add_assigned, add_commands, add_predicted, by_name, by_number
-from experiments.guesses.wrench_checks import ask_place, place_wrenches
+from experiments.guesses.belief import BASE, Belief, ColumnGroup, TableEntry
+from experiments.guesses.checks import (
+    check_positions,
+    check_wrenches_and_torques,
+    doubt_units,
+    set_orientation,
+    set_rates,
+    set_units,
+)
+from experiments.guesses.log_contents import ROUND, check_same_columns, log_contents
+from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, SAME, ComparedModel, explained
+from experiments.guesses.scores import (
+    add_assigned,
+    add_commands,
+    add_poses,
+    add_predicted,
+    assigned,
+    by_derivative,
+    by_name,
+    by_number,
+    candidates,
+)
+from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
+from experiments.guesses.wrenches import add_wrenches, place_wrenches
 from ident.errors import InputError
-from ident.files.column import UNITS
+from ident.estimation.equations import COMPONENTS
 from ident.files.limits import LIMIT
+from ident.files.table import UNITS
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.wrench import GROUND
+
+MOST = 400
+"""Largest number of assignments of columns without names to joints that are tried."""
+
+MODEL, ALPHABET, LABELS, ANY = "the model's", "the alphabetical", "the stated", "the best"
+"""Orders of joints."""
+
+UNNAMED = Family("")
+"""Family of columns that have no names in common."""
 
 
 def believed(
@@ -76,7 +105,7 @@ def _check(belief: Belief, limit: int) -> None:
     except InputError as error:
         belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
         for group in [group for group in belief.groups.values() if group.is_open]:
-            ask_place(belief, group, "Its name does not say so.")
+            belief.ask_place(group, "Its name does not say so.")
         return
     check_positions(model)
     if not belief.sign_undecided:
@@ -95,82 +124,222 @@ def _complete(belief: Belief) -> None:
         belief.ask(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
 
 
-def set_units(belief: Belief) -> None:
-    """Sets units of positions by the file, their names, their velocities' units, and their size."""
-    log, kinds, open_ones = belief.log, belief.kinds, list[Quantity]()
-    for x in belief.of("position").values():
-        if x.column in log.units:
-            x.why.append("the file knows its unit")
-        elif stated := belief.stated(x):
-            x.unit = stated
-            x.why.append(f"{x.unit} by its name")
-        elif by_rate := _unit_by_rate(belief, x):
-            x.unit = by_rate
-            x.why.append(f"{x.unit} by its velocity, whose name has a unit")
-        elif x.column in log.columns:
-            open_ones.append(x)
-    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
-        those = [x for x in open_ones if kinds[x.joint] == kind]
-        others = {x.unit for joint, x in belief.of("position").items() if kinds[joint] == kind} - {""}
-        sizes = {x.joint: log.largest(x.column) for x in those}
-        # A program has one unit for all angles.
-        unit = others.pop() if len(others) == 1 else larger if max(sizes.values(), default=0) > limit else usual
-        for x in those:
-            alike = sizes[x.joint] > limit or unit == usual
-            x.unit, x.sure = unit, x.sure if alike else LIKELY
-            x.why.append(f"{unit} since it goes to {sizes[x.joint]:.3g}" + f", and others are in {unit}" * (not alike))
-    belief.by_size = {x.joint for x in open_ones if kinds[x.joint] == "hinge"}
+@dataclass(frozen=True)
+class Order:
+    """Columns of joints, one for each joint.
+
+    Attributes:
+        label: Order of the joints.
+        positions: Column of the position of each joint.
+        family: Columns that may be positions; without members if they have no names.
+        torques: Column of the torque of each joint; empty if torques are known or absent.
+        left: Share of the measurements that the model leaves unexplained, 1 without measurements.
+    """
+
+    label: str
+    positions: Mapping[str, str]
+    family: Family = UNNAMED
+    torques: Mapping[str, str] = field(default_factory=dict)
+    left: float = 1.0
+
+    def is_like(self, other: "Order", columns: Mapping[str, np.ndarray]) -> bool:
+        """True where another order is equal, or differs only in columns (N,) with nearly the same values."""
+        if self.positions.keys() != other.positions.keys():
+            return False
+        pairs = ((columns[name], columns[other.positions[joint]]) for joint, name in self.positions.items())
+        return all(a is b or np.corrcoef(a, b)[0, 1] > SAME for a, b in pairs)
 
 
-def _unit_by_rate(belief: Belief, position: Quantity) -> str:
-    """Unit of a position in which the derivative is the velocity in the unit that its name states; "" if unknown."""
-    rate, log = belief.of("velocity").get(position.joint), belief.log
-    if not rate or not belief.stated(rate) or not {rate.column, position.column} <= log.columns.keys():
-        return ""
-    kind = belief.kinds[position.joint]
-    ratio = log.rate_factor(log.columns[position.column], rate.column)
-    ratio *= UNITS[f"{kind} velocity"][belief.stated(rate)]
-    return next((own for own, scale in UNITS[f"{kind} position"].items() if is_one(ratio / scale)), "")
+@dataclass(frozen=True, eq=False)
+class OrderSearch:
+    """Search for the columns of joints, in series or in any order.
 
+    Attributes:
+        model: The model beside the log.
+        joints: Joints without positions, in the model's order.
+        families: Families of columns that are not assigned yet.
+    """
 
-def doubt_units(belief: Belief) -> None:
-    """Makes positions likely whose unit their size alone suggests, and remarks of those that may be percentages."""
-    percentages = list[str]()
-    for joint, x in belief.of("position").items():
-        if joint in belief.by_size and x.sure == SURE:
-            x.sure = LIKELY
-            x.why.append("which nothing else shows")
-        # LeRobot writes percentages of calibrated ranges, or degrees, under the same names.
-        is_open = x.column.endswith(".pos") and x.unit in ("deg", "mm") and x.sure != SURE
-        if x.about.unit == "%" or (is_open and belief.log.largest(x.column) <= 100):
-            percentages.append(joint)
-            x.sure = DOUBTFUL
-    if percentages:
-        belief.ask(
-            f"The positions of {', '.join(percentages)} may be percentages of calibrated ranges. Map degrees by "
-            'unit = "deg", percentages by unit, gain and constant, so that gain * column + constant is the position.',
-            percentages,
+    model: ComparedModel
+    joints: tuple[str, ...]
+    families: tuple[Family, ...] = ()
+
+    @property
+    def belief(self) -> Belief:
+        """The belief to extend."""
+        return self.model.belief
+
+    def of_series(self, several: Sequence[Family], kinds: Sequence[str]) -> list[Order]:
+        """Orders of the columns of families as positions, with possible torques of some kinds, and what they leave."""
+        orders = (order for family in several for order in self._orders(family))
+        return [own for each in orders for own in self.judged(each, self._torques(each, kinds), self.belief.free)]
+
+    def _orders(self, family: Family) -> Iterator[Order]:
+        """Orders of as many consecutive columns of a family as there are joints, or of joints as there are columns."""
+        names, joints, log = family.names, self.joints, self.belief.log
+        for each in families(log.labels):
+            own = {log.labels[label]: family.by_number.get(k, "") for k, label in each.by_number.items()}
+            if all(map(own.get, joints)):
+                yield Order(LABELS, {joint: own[joint] for joint in joints}, family)
+                return
+        # All joints, those of a family of that size, or consecutive ones.
+        n = min(len(names), len(joints))
+        alike = [each.names for each in families(joints) if len(each.names) == n < len(joints)]
+        runs = [names[first : first + n] for first in range(len(names) - n + 1)]
+        runs = [run for run in runs if log.columns.keys() >= set(run)]
+        for targets in alike or [joints[k : k + n] for k in range(len(joints) - n + 1)]:
+            for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): MODEL}.items():
+                yield from (Order(label, dict(zip(listed, run, strict=True)), family) for run in runs)
+
+    def _torques(self, order: Order, kinds: Sequence[str]) -> list[dict[str, str]]:
+        """Torque columns that may go with positions, at the same places in families; [{}] if torques are known."""
+        own, places = order.family, [order.family.names.index(name) for name in order.positions.values()]
+        there = [each for each in self.families if each.is_of_joints and len(each.names) == len(own.names)]
+        for kind in kinds if not self.belief.of("torque") else ():
+            every = [[each.names[k] for k in places] for each in there if each.kind == kind and each is not own]
+            if not kind and not self.belief.groups and max(places) - min(places) < len(places):
+                # Of a single family of all columns, torques are others in the same order.
+                shifts = range(-min(places), len(own.names) - max(places))
+                every += [[own.names[k + shift] for k in places] for shift in shifts if abs(shift) >= len(places)]
+            if options := [names for names in every if self.belief.log.columns.keys() >= set(names)]:
+                return [dict(zip(order.positions, names, strict=True)) for names in options]
+        return [{}]
+
+    def judged(self, order: Order, options: Sequence[dict[str, str]], others: Sequence[str]) -> Iterator[Order]:
+        """The same order with each family of torques, or with other columns as measured, and its unexplained share."""
+        model, belief, is_any = self.model, self.belief, order.label == ANY
+        free = [name for name in others if name in model.levels and name not in order.positions.values()]
+        for scale in self._scales(order):
+            states = model.states_of(order.positions, scale)
+            predicted = model.predicted(states)
+            known = [share.somehow for share in model.shares(states, predicted)]
+            shares, judged = model.of_torques(states, predicted, free), list[Order]()
+            for torques in options:
+                every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
+                left = float(np.mean(every)) if every else 1.0
+                judged.append(replace(order, torques=torques, left=left))
+            if not (known or order.family.kind or belief.groups) and (is_any or (belief.held and len(free) > 5)):
+                # Others may be the ground's wrench, or without any series whatever the model predicts.
+                like, channels = model.likeness(free, predicted)
+                like = like if is_any else like[:, [channel in COMPONENTS for channel in channels]]
+                best = like.max(axis=int(is_any), initial=0)
+                judged.append(replace(order, left=1 - float(best.mean()) if best.size else 1.0))
+            # Among columns without names, the best-fitting ones were measured.
+            yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
+
+    def _scales(self, order: Order) -> list[float]:
+        """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
+        log, columns = self.belief.log, order.positions.values()
+        units = {unit_of("hinge position", words(name).unit) or log.units.get(name, "") for name in columns} - {""}
+        if units:
+            return [UNITS["hinge position"].get(units.pop(), 1.0)]
+        largest = max(map(log.largest, columns))
+        return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
+
+    def add_best(self, every: Sequence[Order], *, ask: bool = True) -> bool:
+        """Adds the order that leaves least, and returns True if it is clearly the best and explains enough."""
+        every = sorted(every, key=lambda order: order.left)
+        best, twins = every[0], [order for order in every if every[0].is_like(order, self.belief.log.columns)]
+        others = [order.left for order in every if order not in twins]
+        left, second = best.left, min(others, default=1.0)
+        enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
+        alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
+        is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
+        copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
+        if is_clear and (best.family.kind or len(copies) == 1):
+            rival = f", otherwise at most {explained(second)}" if others else ""
+            why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
+            self._add(replace(best, torques=self._torques_of(best, twins)), why + rival)
+            return True
+        if ask and is_clear:
+            which = "which were measured, and which were commanded, is open"
+            self.belief.ask(f"{' and '.join(copies)} are nearly the same: {which}.", self.joints)
+        elif ask:
+            rival = f", and {explained(second)} with the next best choice" if others else ""
+            shares = f"With {copies[0]} the model explains {explained(left)} of what is measured{rival}."
+            self.belief.ask(f"The columns of the positions of {_listed(self.joints)} are open. {shares}", self.joints)
+        return False
+
+    def add_unmeasured(self, every: Sequence[Order]) -> None:
+        """Adds the only order if nothing is measured to check it; none of several."""
+        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].family.kind == "position":
+            self._add(every[0], f"in {every[0].label} order of the joints, which nothing in the log can confirm")
+            return
+        self.belief.ask(
+            f"{_listed(every[0].family.names)} may be the positions of {_listed(self.joints)} in several orders. The "
+            "log has no wrench and no torque that shows which.",
+            self.joints,
         )
 
+    def _torques_of(self, best: Order, twins: Sequence[Order]) -> Mapping[str, str]:
+        """Torques of the best order, none if another family's torques are explained as well."""
+        alike = [each for each in twins if 1 - each.left >= ENOUGH and CLEAR * each.left <= best.left and each.torques]
+        every = list(dict.fromkeys(tuple(each.torques.items()) for each in (best, *alike)))
+        if len(every) == 1 or not best.torques or not best.family.kind:
+            return best.torques
+        stated = [each for each in every if MEASURED & {p.lower() for _, name in each for p in PARTS.findall(name)}]
+        if len(stated) == 1:
+            return dict(stated[0])
+        names = " or of ".join(_listed(name for _, name in each) for each in every)
+        self.belief.ask(f"The torques may be those of {names}, which the model explains alike.")
+        self.belief.torques_undecided = True
+        return {}
 
-def set_rates(belief: Belief) -> None:
-    """Sets units and signs of velocities and accelerations as derivatives; drops columns that are no derivatives."""
-    log, rates = belief.log, (("velocity", "position"), ("acceleration", "velocity"))
-    for x, of in ((x, of) for kind, of in rates for x in belief.of(kind).values()):
-        state, stated = belief.values(x.joint, of), belief.stated(x)
-        if state is None or x.column not in log.columns:
-            continue
-        choices = {"": belief.factor(x)} if x.column in log.units else UNITS[f"{belief.kinds[x.joint]} {x.kind}"]
-        ratio = log.rate_factor(state, x.column)
-        fits = {unit: ratio * choice for unit, choice in choices.items() if is_one(ratio * choice)}
-        x.sure = SURE
-        if not fits:
-            x.why = [f"it is {ratio:.3g} times the derivative" if ratio else "it is not the derivative"]
-            belief.notes.append(
-                f"Column '{x.column}' is named like the {x.kind} of '{x.joint}', but {x.why[0]} of what is taken for "
-                f"its {of}; it is left out."
-            )
-            x.column = ""
-            continue
-        x.unit, x.gain = stated if stated in fits else next(iter(fits)), float(np.sign(ratio))
-        x.why.append(f"{fits[x.unit]:.2f} times the derivative of the {of}" + f" in {x.unit}" * bool(x.unit))
+    def _add(self, order: Order, why: str) -> None:
+        """Adds the quantities of an order to the belief."""
+        if order.label != LABELS:
+            self.belief.by_place |= set(order.positions)
+        rates = assigned(
+            by_derivative(self.belief, order.positions, {*order.positions.values(), *order.torques.values()})
+        )
+        velocities = {joint: column for column, joint in rates} if len(rates) == len(order.positions) else {}
+        quantities = {"position": order.positions, "torque": order.torques, "velocity": velocities}
+        for kind, columns in quantities.items():
+            for joint, column in columns.items():
+                self.belief.add(joint, kind, column, why if kind == "position" else "in the place of the position")
+
+
+def add_series(belief: Belief) -> None:
+    """Adds positions, velocities and torques of joints without columns from families of numbered columns."""
+    lacking = tuple(j for j in belief.axes if j not in belief.of("position") and j not in belief.undecided)
+    free = set(belief.free)
+    there = tuple(each for each in families(belief.log.names) if free >= set(each.names))
+    own = [each for each in there if each.is_of_joints]
+    own = [each for each in own if each.kind == "position"] or [each for each in own if each.kind == ""]
+    # Of few columns without names all assignments are tried, not only consecutive ones.
+    own = [each for each in own if not (each.template == "#" and perm(len(each.names), len(lacking)) <= MOST)]
+    own = [each for each in own if len(each.names) > 1]
+    if not own or not lacking or not belief.can_predict:
+        return
+    search = OrderSearch(ComparedModel.of(belief, [name for each in own for name in each.names]), lacking, there)
+    every = search.of_series(own, ("torque", "current") if own[0].kind else ("torque", "current", ""))
+    if measured := [order for order in every if order.left < 1]:
+        search.add_best(measured)
+        return
+    # Nothing is named like torques: other series may be some.
+    unnamed = [order for order in search.of_series(own, ("",)) if order.left < 1]
+    if every and not (unnamed and search.add_best(unnamed, ask=False)):
+        search.add_unmeasured(every)
+
+
+def add_any(belief: Belief) -> None:
+    """Adds positions in any order if the model explains clearly more with it."""
+    positions, log = belief.of("position"), belief.log
+    lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
+    still = any(x.column not in log.columns for x in positions.values())
+    names, others = candidates(belief, len(lacking))
+    if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
+        return
+    if perm(len(names), len(lacking)) <= MOST:
+        search = OrderSearch(ComparedModel.of(belief, names), lacking)
+        orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
+        search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
+    else:
+        several = f"any of {len(names)} columns, too many to compare all of them with the model"
+        belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names of a family or of several joints, abbreviated."""
+    names = list(names)
+    return ", ".join(names) if len(names) < 3 else f"{names[0]} to {names[-1]}"

@@ -12,16 +12,13 @@ import numpy as np
 from experiments.guesses.words import words
 from ident.display.brief import listed
 from ident.errors import LogError
-from ident.files.column import UNITS, Columns
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
-from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
-from ident.files.table import FAR, TRUE, Table, is_number
-from ident.recordings.entries import clocks, counted, taken
-from ident.recordings.faults import rate_factor, rate_factors, with_continuous_angles
-from ident.recordings.mapping import ColumnMapping
-from ident.recordings.several_clocks import files_of, name_of, read_files
-from ident.recordings.times import GAP, TIME, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
+from ident.files.readers import TEXT, files_of, has_several_clocks, name_of, read_clocks, read_files, read_tables
+from ident.files.table import FAR, TIME, TRUE, UNITS, Columns, Table, is_number
+from ident.recordings.channels import rate_factor, rate_factors, with_continuous_angles
+from ident.recordings.mapping import clocks
+from ident.recordings.times import GAP, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
 
 ROWS = 20_000
 """Largest number of samples that are read."""
@@ -131,7 +128,7 @@ class LogContents:
         samples: Columns of numbers at these times (N,).
         unread: Errors of columns without numbers, by name.
         units: Units stated by the file, by column.
-        has_gaps: True if cells or rows are missing, in files with one clock.
+        has_gaps: True if cells or rows are missing, or times repeat with other values, in files with one clock.
         labels: Words of columns that hold one word throughout.
         markers: Labels of markers, whose columns are left out.
         notes: Sentences on what was repaired.
@@ -254,11 +251,10 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
         files = files_of(path)
         if len(files) == 1 and has_several_clocks(path):
             return _at_common_times(LogContents(path), read_clocks(path, limit=limit))
-        layouts, clocks, tables = zip(*(_opened(file, limit, rate, len(files) == 1) for file in files), strict=True)
+        layouts, own, tables = zip(*(_opened(file, limit, rate, len(files) == 1) for file in files), strict=True)
         if len(files) > 1:
-            mapping = ColumnMapping(layouts=layouts, clocks=tuple(each.columns for each in clocks))
-            tables = tuple(read_files(files, mapping, limit))
-        return _at_common_times(LogContents(path, layouts, clocks), tables)
+            tables = tuple(read_files(files, layouts, [each.columns for each in own], limit=limit))
+        return _at_common_times(LogContents(path, layouts, own), tables)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
@@ -273,7 +269,7 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         if table is None:
             raise LogError("it has no rows of numbers.")
         clock = clock_of(table, rate)
-        return layout, clock, next(counted([table], clock.columns))
+        return layout, clock, table.counted(clock.columns)
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
 
@@ -317,14 +313,16 @@ def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:
 def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
     """The log with columns of all tables at uniform times that all of them cover."""
     clock = log.clocks[0].columns if len(log.clocks) == 1 else OWN_TIMES.columns
-    streams, notes = dict[str, Sampled](), list[str]()
+    streams, notes, has_gaps = dict[str, Sampled](), list[str](), False
     for table in tables:
         own = table.column(clock.names[0])
+        again = np.flatnonzero(np.diff(own) == 0)
+        has_gaps |= any((x[again] != x[again + 1]).any() for x in _numbers(table)[0].values())
         # If times repeat or go back, the first ones are kept.
-        table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
+        table = table.where(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         numbers, errors = _numbers(table)
         names = [name for name in numbers if name not in clock.names]
-        table = with_continuous_angles(table, dict.fromkeys(names, WHOLE_TURNS), notes)
+        table, _ = with_continuous_angles(table, dict.fromkeys(names, WHOLE_TURNS), notes)
         channels = {name: table.column(name, FAR, gaps=True)[:, None] for name in names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
         texts = {name: {str(cell).strip() for cell in table.cells[name]} for name in errors}
@@ -335,7 +333,6 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         raise LogError("it has times, but no other column of numbers.")
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
     check_samples(len(time), " that all columns cover")
-    has_gaps = False
     for name, stream in streams.items():
         missing, steps = np.isnan(stream.values).mean(), np.diff(stream.time)
         log.samples[name] = interpolated(stream, time)[:, 0]

@@ -31,6 +31,9 @@ CLEAR = 0.7
 AGREES = 0.8
 """Share of a column's variance above which a prediction is accepted for it."""
 
+SAME = 0.999
+"""Correlation above which columns, or the sizes of two forces, are two readings of the same."""
+
 States = Mapping[str, np.ndarray]
 """Position and both derivatives by joint (3, M)."""
 

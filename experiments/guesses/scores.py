@@ -1,16 +1,32 @@
-"""Scores of columns for quantities of joints by several kinds of evidence, and the assignment with the largest sum."""
+"""Scores of columns for quantities of joints by several kinds of evidence, and the assignment with the largest sum.
 
+Likewise orientations of ball joints, and poses of a moving base.
+"""
+
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from experiments.guesses.belief import DOUBTFUL, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.log_contents import LONG
 from experiments.guesses.model import AGREES, ComparedModel, explained
-from experiments.guesses.words import LIKE, NEAR, Words, families, likeness, unit_of, without_prefix, words
+from experiments.guesses.words import (
+    LIKE,
+    NEAR,
+    Words,
+    families,
+    likeness,
+    unit_of,
+    without_prefix,
+    without_unit,
+    words,
+)
 from ident.estimation.equations import COMPONENTS
-from ident.files.column import COMMAND, KINDS
+from ident.estimation.recorded_motion import UNIT
+from ident.files.table import COMMAND, KINDS
 from ident.recordings.wrench import GROUND
 
 Scores = dict[tuple[str, str], float]
@@ -24,6 +40,15 @@ ALONE = 0.7
 
 FITTING = {"position": ("position", ""), "torque": ("torque", "current", "force")}
 """Quantities that names may state of columns of a kind, if others than the kind."""
+
+
+BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
+"""Names of bodies that move freely."""
+
+TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
+
+MOVES = r"(?:position|pos|translation|trans|p|t)?"
+"""Words between the name of a group of columns and its component."""
 
 
 def assigned(scores: Scores) -> Scores:
@@ -272,3 +297,52 @@ def candidates(belief: Belief, number: int = 0) -> tuple[list[str], list[str]]:
     # A column with a derivative is a position; without any such pair all columns may be.
     roots = [name for name in others if name in rates.values()] or free
     return (roots if len(roots) >= number else others), others
+
+
+def add_poses(belief: Belief, base: str | None) -> None:
+    """Adds columns of ball joints, and of a moving base.
+
+    Args:
+        belief: The belief to extend.
+        base: Name of the body whose frame is {0}; None if the base does not move.
+    """
+    groups = _grouped(belief, TURNS, "wxyz")
+    norms = {rest: np.linalg.norm(belief.log.table(names), axis=1) for rest, names in groups.items()}
+    groups = {rest: names for rest, names in groups.items() if (np.abs(norms[rest] - 1) < UNIT).all()}
+    balls = [joint for joint in belief.kinds if joint not in belief.axes]
+    for own in decisions({(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}):
+        if own.columns:
+            belief.ask(f"The orientation of '{own.joint}' may be in {' or in '.join(own.columns)}.")
+            continue
+        why, sure = named(own.score)
+        entry = TableEntry(groups.pop(own.column), f"{why}, with a norm of one", sure)
+        belief.poses[f"joints.{own.joint}"] = ColumnGroup(own.joint, {"position": entry})
+    if base is not None and belief.held:
+        _add_base(belief, groups, base)
+
+
+def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> None:
+    """Adds the poses of the base, if one quaternion named like it has a position beside it."""
+    log, places = belief.log, _grouped(belief, MOVES, "xyz")
+    alike = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
+    bases = [rest for rest in alike if rest in places and not log.columns.keys().isdisjoint(groups[rest])]
+    if len(bases) > 1:
+        belief.ask(f"The poses of the base may be those of {' or of '.join(bases)}.")
+    for rest in bases if len(bases) == 1 else ():
+        position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
+        if not log.states_unit(position):
+            size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
+            unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
+            entries["unit"] = TableEntry(unit, why)
+        entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
+        belief.poses[BASE] = ColumnGroup(BASE, entries)
+
+
+def _grouped(belief: Belief, between: str, components: str) -> dict[str, list[str]]:
+    """Columns of vectors with all components, in order, by the common part of their names."""
+    groups: dict[tuple[str, str], dict[str, str]] = {}
+    for name in belief.log.names:
+        bare = without_unit(name)[0].strip()
+        if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
+            groups.setdefault((match[1], bare[: match.start(2)]), {}).setdefault(match[2].lower(), name)
+    return {rest: [own[c] for c in components] for (rest, _), own in groups.items() if own.keys() == set(components)}

@@ -17,13 +17,13 @@ from experiments.reports import identify_page as page
 from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
+from ident.files.readers import name_of
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import IDLE
 from ident.judgement.wording import NAMED, number_of
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
-from ident.recordings.several_clocks import name_of
 from ident.recordings.stated import Servo
 from ident.tolerances import DRIVE, ROUNDING
 from sim.models.model_mechanism import Origin

@@ -14,10 +14,10 @@ from experiments.document.writer import Card, Document, Headline, Plot, environm
 from experiments.reports import identify_page, identify_report
 from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length
+from ident.files.readers import name_of
 from ident.geometry.inertia import symmetric
 from ident.judgement.wording import number_of
 from ident.payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
-from ident.recordings.several_clocks import name_of
 from sim.models.model_update import write_model
 from sim.models.xml_files import parsed
 

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from experiments.runs import THREADS, environment, held_back, seldom_collected
 from ident.display.brief import listed
 from ident.errors import InputError
-from ident.files import npz
+from ident.files.arrays import arrays
 from ident.files.atomic import save_arrays
 from ident.files.limits import parsed_json, reason
 
@@ -63,7 +63,7 @@ class Checkpoint:
         if not self.file.exists():
             raise InputError(f"--resume goes on with the {self.what} in {self.file}, but none is done; leave it out.")
         try:
-            data = npz.arrays(self.file)
+            data = arrays(self.file)
             kept, outcomes = parsed_json(str(data["identity"])), bytes(data["outcomes"]).decode().splitlines()
             parsed = [parsed_json(text) if text else None for text in outcomes]
             wanted = json.loads(json.dumps(self.identity))

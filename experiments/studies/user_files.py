@@ -15,13 +15,12 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
 from ident.files.markers import Markers
-from ident.files.readers import read_markers
+from ident.files.readers import files_of, read_markers
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person_prior import Person, with_person
-from ident.recordings.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.recordings.several_clocks import files_of
+from ident.recordings.stated import read_segments
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies

@@ -32,11 +32,10 @@ from ident.model.axes import Axes, column_place
 from ident.model.regressor import drive_kinds
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.channels import suggested_mapping
-from ident.recordings.faults import covered, runs
+from ident.recordings.channels import unmapped
 from ident.recordings.followers import moving
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import low_pass, settling
+from ident.recordings.smoothing import low_pass, runs, settling
 from ident.recordings.wrench import GROUND
 
 Chosen = TypeVar("Chosen", bound=slice | np.ndarray, covariant=True)
@@ -123,7 +122,7 @@ class Prepared:
         """Mask of the samples that lie neither in a gap of a used channel nor within the filter's reach of one (N,)."""
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
-        out = covered(self.recording, (*names, BASE))
+        out = self.recording.covered((*names, BASE))
         for first, end in runs(~out):
             out[max(0, first - self.edge) : end + self.edge] = False
         return out
@@ -207,7 +206,7 @@ def prepared(
     if not measured and constant:
         raise LogError(f"{name} is constant in every channel ({', '.join(constant)}); check sensors and columns.")
     if not measured:
-        known = " ".join([*recording.notes, *notes, suggested_mapping(recording.unused, tree.joints)])
+        known = " ".join([*recording.notes, *notes, unmapped(recording.unused)])
         raise LogError(f"{name} has neither a wrench nor a joint torque to fit. {known}")
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     axes = Axes.of(tree, recording.couplings)

@@ -20,7 +20,6 @@ from ident.geometry.se3 import continuous_quaternions, inverse, pose, turning, w
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
 from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
@@ -254,7 +253,7 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
     poses, base, pairs = tree.poses(motion.q), motion.base_poses, list[tuple[np.ndarray, np.ndarray]]()
     poses = poses if base is None else base[:, None] @ poses
     for name, tracker in trackers.items():
-        kept = np.flatnonzero(covered(recording, (f"{name}_position", f"{name}_orientation")))
+        kept = np.flatnonzero(recording.covered((f"{name}_position", f"{name}_orientation")))
         kept = kept[:: max(1, len(kept) // ALIGNED)]
         pairs.append((poses[kept, tree.names.index(tracker.body)], recording.poses(name)[kept]))
 

@@ -8,12 +8,11 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.estimation.equations import COMPONENTS
-from ident.files.column import KINDS
+from ident.files.table import KINDS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.faults import despiked, limits, moves
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import at_rest, quantum
+from ident.recordings.smoothing import at_rest, despiked, limits, moves, quantum
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
 from ident.tolerances import HUGE, TINY

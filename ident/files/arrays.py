@@ -1,19 +1,21 @@
-"""Files of columns by name: JSON lines, MATLAB's arrays and Parquet."""
+"""Files of arrays and of named values: npz archives, MATLAB's arrays, and JSON lines."""
 
 import json
 import math
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.files.csv_file import lines_of, opened_text
-from ident.files.limits import NUMBER, PIECE, check_size, library, undamaged
-from ident.files.table import SUFFIXES, Table, short, vector_columns
+from ident.files.limits import LIMIT, NUMBER, PIECE, check_size, parsed_json, reason, undamaged
+from ident.files.table import METADATA, SUFFIXES, TRUE, Table, short, vector_columns
 
 JSON_LINES = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
 """Ends of the names of files with an object of JSON in each line."""
@@ -153,151 +155,126 @@ def _sizes(path: Path, limit: int) -> Iterator[int]:
             stream.seek(end)
 
 
-UNPACKED, PACKED = 2, 3
-"""Fields of a page's header: its sizes in bytes."""
+EMPTY = 1_000_000
+"""Bytes that an empty array may claim by its other dimensions."""
 
-COUNTED = (5, 7, 8)
-"""Fields of a page's header of which the first field is a number of values: data, dictionaries, data of version 2."""
+MEASURED, TRUTH = "measured/", "true/"
+"""Prefixes of the names of members that hold channels, and their true values."""
 
 
-def parquet_tables(path: Path, limit: int) -> list[Table]:
-    """The table of a file; timestamps and durations are in s, timestamps counted from the first one.
+def arrays(path: Path, limit: int = LIMIT) -> dict[str, np.ndarray]:
+    """All arrays of an archive by name, which take at most `limit` bytes in memory.
 
     Raises:
-        LogError: The file is damaged or too large.
-        InputError: The library is not installed.
+        LogError: The file is no archive or too large, or a member is damaged or no array; the message names the member.
     """
-    with library("parquet"):
-        import pyarrow.parquet
-    with undamaged("a parquet file"), path.open("rb") as stream:
-        file = pyarrow.parquet.ParquetFile(stream)
-        columns = file.schema_arrow
-        numeric = [field for field in columns if _width(field.type)]
-        check_size(path, NUMBER * file.metadata.num_rows * sum(_width(field.type) for field in numeric), limit)
-        twice = [name for name in columns.names if columns.names.count(name) > 1]
-        if twice:
-            raise LogError(f"columns of a log need different names, '{twice[0]}' is more than one.")
-        check_size(path, size_of(stream, file.metadata, [field.name for field in numeric]), limit)
-        content = file.read([field.name for field in numeric])
-        cells: dict[str, np.ndarray] = {}
-        units: dict[str, str] = {}
-        for field in numeric:
-            column = content.column(field.name)
-            cells |= vector_columns(field.name, numbers(column))
-            if _is_time(field.type):
-                units[field.name] = "SI"
-    return [Table(cells, range(content.num_rows), "row", units=units)]
+    with _opened(path) as archive:
+        members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
+        check_size(path, sum(m.file_size for m in members.values()), limit)
+        unpacked = {name: _array(archive, name, m) for name, m in members.items()}
+    check_size(path, sum(NUMBER * x.size for x in unpacked.values()), limit)
+    return unpacked
 
 
-def _width(kind: Any) -> int:
-    """Count of numbers in a cell of a type; zero if it is not numeric."""
-    from pyarrow import types
+@contextmanager
+def _opened(path: Path) -> Iterator[ZipFile]:
+    """Opens an archive for the duration of a block.
 
-    if types.is_fixed_size_list(kind):
-        return int(kind.list_size) if _width(kind.value_type) == 1 else 0
-    number = types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind)
-    return int(number or _is_time(kind))
-
-
-def _is_time(kind: Any) -> bool:
-    from pyarrow import types
-
-    return bool(types.is_timestamp(kind) or types.is_duration(kind))
-
-
-def numbers(column: Any) -> np.ndarray:
-    """Numbers of a column of any numeric type, NaN for its nulls (N,) or (N, d)."""
-    return _numbers(column.combine_chunks(), column.type)
+    Raises:
+        LogError: The file is no archive.
+    """
+    # With its own file handle: `ZipFile` would leave that of a broken archive open.
+    with path.open("rb") as stream:
+        try:
+            if stream.read(2) != b"PK":
+                raise LogError("not a zip archive")
+            archive = ZipFile(stream)
+        except Exception as error:
+            raise LogError(f"the file needs to be an npz archive of arrays ({reason(error)}).") from error
+        with archive:
+            yield archive
 
 
-def _numbers(column: Any, kind: Any) -> np.ndarray:
-    """Numbers of an array, as `numbers`."""
-    import pyarrow
+@contextmanager
+def _reading(member: str) -> Iterator[None]:
+    """Turns any error of a block into one that names the member that cannot be read.
 
-    if _width(kind) > 1:
-        if column.null_count:
-            raise LogError("a column of vectors has rows without any.")
-        return _numbers(column.flatten(), kind.value_type).reshape(len(column), -1)
-    if not _is_time(kind):
-        return np.asarray(column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False), float)
-    ticks = column.cast(pyarrow.int64())
-    missing = np.asarray(ticks.is_null().to_numpy(zero_copy_only=False))
-    # Integers: nanoseconds since 1970 have more digits than a float.
-    counts = np.asarray(ticks.fill_null(0).to_numpy(zero_copy_only=False), np.int64)
-    first = counts[missing.argmin()] if pyarrow.types.is_timestamp(kind) and len(counts) else 0
-    return np.where(missing, np.nan, (counts - first) * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit])
+    Raises:
+        LogError: The block failed.
+    """
+    try:
+        yield
+    # Zip, its decompressors and numpy's parser of headers have a dozen classes of errors for damage.
+    except Exception as error:
+        raise LogError(f"member {member!r} cannot be read ({reason(error)}).") from error
 
 
-def size_of(stream: BinaryIO, metadata: Any, columns: Collection[str], groups: Iterable[int] | None = None) -> int:
-    """Bytes that some columns take in memory.
+def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
+    with _reading(name):
+        # Of all others `zipfile` unpacks more bytes than were asked for.
+        if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            raise LogError("it is compressed in another way than by numpy.savez_compressed")
+        with archive.open(member) as stream:
+            array = np.lib.format.read_array(stream, allow_pickle=False)
+        if math.prod(max(1, n) for n in array.shape) * array.itemsize > max(member.file_size, EMPTY):
+            raise LogError(f"an array of {array.shape} is none")
+        return array
+
+
+def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
+    """Writes a recording's channels; arguments as for `write_csv`."""
+    arrays = {"metadata": np.array(json.dumps(metadata)), **{_member(name): x for name, x in channels.items()}}
+    # As `numpy.savez` does, whose older versions leave the archive open when the disk is full.
+    with ZipFile(path, "w") as archive:
+        for name, x in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asarray(x, order="C"), allow_pickle=False)
+
+
+def npz_table(path: Path, limit: int, *, truth: bool = False) -> Table:
+    """The table of an archive: of one of `write_npz` its channels, of any other all arrays of real numbers.
 
     Args:
-        stream: The file.
-        metadata: Its footer, as the library reads it.
-        columns: Names of the columns.
-        groups: Numbers of the row groups, all by default.
+        path: The archive.
+        limit: Bytes that it may take, as for `check_size`.
+        truth: True to read true values as well.
 
     Raises:
-        LogError: A header is none.
+        LogError: The file is no archive or too large; or a member is damaged or no channel, and the message names it.
     """
-    chosen = range(metadata.num_row_groups) if groups is None else groups
-    rows = [metadata.row_group(k) for k in chosen]
-    chunks = [group.column(k) for group in rows for k in range(group.num_columns)]
-    # A vector's path is that of its innermost part, `action.list.element`.
-    used = [each for each in chunks if any(f"{each.path_in_schema}.".startswith(f"{name}.") for name in columns)]
-    return sum(_chunk_size(stream, each) for each in used)
+    content = arrays(path, limit)
+    ours = any(name.startswith(MEASURED) for name in content) or content.keys() <= {"time", "metadata"}
+    metadata = _metadata(content.pop("metadata")) if ours and "metadata" in content else {}
+    cells, lengths = dict[str, np.ndarray](), dict[str, int]()
+    for name, x in content.items():
+        if ours and not (name == "time" or name.startswith((MEASURED, TRUTH) if truth else MEASURED)):
+            continue
+        if x.dtype.kind in "biuf" and x.ndim in (1, 2):
+            own = name.replace(TRUTH, TRUE, 1) if name.startswith(TRUTH) and ours else name.removeprefix(MEASURED)
+            cells |= vector_columns(own, np.asarray(x, float))
+            lengths[name] = len(x)
+        elif ours:
+            with _reading(name):
+                raise LogError(f"a channel needs real numbers in one or two dimensions, it holds {x.dtype} {x.shape}")
+    shortest, longest = (by(lengths, key=lengths.__getitem__, default="") for by in (min, max))
+    if len(set(lengths.values())) > 1:
+        raise LogError(
+            f"arrays need the same number of samples, '{shortest}' has {lengths[shortest]} and '{longest}' has "
+            f"{lengths[longest]}."
+        )
+    return Table(cells, range(lengths.get(longest, 0)), "sample", metadata)
 
 
-def _chunk_size(stream: BinaryIO, chunk: Any) -> int:
-    """Bytes of all pages of a column in a row group."""
-    offsets = chunk.data_page_offset, chunk.dictionary_page_offset or 0
-    size, at = 0, min(offset for offset in offsets if offset)
-    end = at + chunk.total_compressed_size
-    while at < end:
-        stream.seek(at)
-        header = _struct(stream)
-        values = sum(header[k].get(1, 0) for k in COUNTED if k in header)
-        size += max(NUMBER * values, header.get(UNPACKED, 0))
-        at = stream.tell() + max(0, header.get(PACKED, 0))
-    return size
+def _metadata(stored: np.ndarray) -> dict[str, Any]:
+    with _reading("metadata"):
+        metadata = parsed_json(str(stored))
+        if not isinstance(metadata, dict) or any(not isinstance(metadata.get(k, t()), t) for k, t in METADATA.items()):
+            raise LogError(f"JSON objects named {', '.join(METADATA)} are needed, it holds {short(metadata)}")
+    return metadata
 
 
-def _struct(stream: BinaryIO) -> dict[int, Any]:
-    """Fields of a structure by number: whole numbers and structures; True for all others."""
-    fields, number = dict[int, Any](), 0
-    while (head := _byte(stream)) and (kind := head & 15):
-        number = number + (head >> 4) if head >> 4 else _whole(stream)
-        if kind in (4, 5, 6):
-            fields[number] = _whole(stream)
-        elif kind == 12:
-            fields[number] = _struct(stream)
-        elif kind in (1, 2, 3, 7, 8):
-            # Truth values are in the type itself; texts follow their length.
-            stream.seek({3: 1, 7: 8}.get(kind, 0) if kind != 8 else _natural(stream), 1)
-            fields[number] = True
-        else:
-            raise LogError(f"a page's header has a field of type {kind}")
-    return fields
-
-
-def _whole(stream: BinaryIO) -> int:
-    """Whole number, whose sign is its last bit."""
-    number = _natural(stream)
-    return number >> 1 if number % 2 == 0 else -(number + 1 >> 1)
-
-
-def _natural(stream: BinaryIO) -> int:
-    """Natural number in pieces of seven bits, the last of which has no eighth."""
-    number = 0
-    for shift in range(0, 70, 7):
-        piece = _byte(stream)
-        number |= (piece & 127) << shift
-        if piece < 128:
-            return number
-    raise LogError("a page's header has a number of more than ten bytes")
-
-
-def _byte(stream: BinaryIO) -> int:
-    if not (byte := stream.read(1)):
-        raise LogError("a page's header is cut off")
-    return byte[0]
+def _member(channel: str) -> str:
+    """Name of the member that holds a channel."""
+    if channel.startswith(TRUE):
+        return f"{TRUTH}{channel.removeprefix(TRUE)}"
+    return channel if channel == "time" else f"{MEASURED}{channel}"

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.column import UNITS
 from ident.files.limits import NUMBER, SI, check_size, checked_rate, library, reason, undamaged
 from ident.files.markers import Markers, check_labels
-from ident.files.table import Table
+from ident.files.table import UNITS, Table
 
 BLOCK = 512
 """Bytes of a block, the unit of positions in the file."""
@@ -25,8 +24,8 @@ BLOCK = 512
 KEY = 0x50
 """Second byte of every C3D file."""
 
-INTEL, DEC, MIPS = 84, 85, 86
-"""Kinds of processors: the last one's integers are big-endian."""
+ORDERS = {84: "<", 85: "<", 86: ">"}
+"""Orders of an integer's bytes by the kind of processor: Intel's, DEC's and MIPS's."""
 
 TYPES = (-1, 1, 2, 4)
 """Types of entries: characters, bytes, integers and floats; the absolute value is their size in bytes."""
@@ -49,9 +48,8 @@ def check_layout(path: Path, limit: int) -> None:
     start = BLOCK * (content[0] - 1) if content else 0
     if len(content) < BLOCK or content[1] != KEY or start < BLOCK or len(content) < start + 4:
         raise _damaged("it has no header of one, or ends before its parameters")
-    if content[start + 3] not in (INTEL, DEC, MIPS):
+    if (order := ORDERS.get(content[start + 3])) is None:
         raise _damaged(f"its processor is of no known kind, {content[start + 3]}")
-    order = ">" if content[start + 3] == MIPS else "<"
     end = start + BLOCK * content[start + 2]
     if not start + 4 < end <= len(content):
         raise _damaged("it ends before its parameters do")

@@ -52,8 +52,10 @@ class Text(io.TextIOWrapper):
     """A text that is read in pieces, of which each may take so many bytes."""
 
     def __init__(self, buffer: io.BufferedReader, path: Path, limit: int) -> None:
-        utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        super().__init__(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
+        head, marks = buffer.peek(2)[:2], (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        # Without a mark every other byte of Latin letters and numbers is zero.
+        bare = {(False, True): "utf-16-le", (True, False): "utf-16-be"}.get((head[:1] == b"\0", head[1:] == b"\0"))
+        super().__init__(buffer, encoding="utf-16" if head in marks else bare or "utf-8-sig")
         self.path, self.limit = path, limit
 
     def begin_piece(self) -> None:
@@ -172,15 +174,12 @@ def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in f'"{DELIMITERS}') else name
 
 
-def csv_pieces(
-    path: Path, samples: int, *, overlap: int = 0, layout: Layout | None = None, limit: int = LIMIT
-) -> Iterator[Table]:
+def csv_pieces(path: Path, samples: int, *, layout: Layout | None = None, limit: int = LIMIT) -> Iterator[Table]:
     """Yields the file as tables of at most `samples` samples.
 
     Args:
         path: A text file, perhaps packed by gzip.
         samples: Samples of each piece.
-        overlap: Samples that each piece repeats from the end of the one before.
         layout: Layout of the file.
         limit: Bytes that a piece of a packed file may have, as for `check_size`.
 
@@ -189,14 +188,12 @@ def csv_pieces(
     """
     layout = layout or Layout()
     with opened_text(path, limit) as text:
-        for table in tables_of_lines(text, lines_of(text, layout.skip), samples, overlap=overlap, header=layout.header):
+        for table in tables_of_lines(text, lines_of(text, layout.skip), samples, header=layout.header):
             yield table
             text.begin_piece()
 
 
-def tables_of_lines(
-    text: Text, lines: Iterator[Line], samples: int, *, overlap: int = 0, header: bool = True
-) -> Iterator[Table]:
+def tables_of_lines(text: Text, lines: Iterator[Line], samples: int, *, header: bool = True) -> Iterator[Table]:
     """Yields a text as tables of at most `samples` rows; arguments as for `csv_pieces`."""
     metadata: dict[str, Any] = {}
     for first, line in lines:
@@ -209,9 +206,9 @@ def tables_of_lines(
     begin = next(_rows([(first, line)], delimiter))
     names = _header(first, begin) if header else [str(k + 1) for k in range(len(begin))]
     lines = lines if header else chain([(first, line)], lines)
-    commas, memory, kept = delimiter != ",", Memory(), list[tuple[np.ndarray, Mapping[str, Cells]]]()
+    commas, memory = delimiter != ",", Memory()
     while True:
-        blocks, size, left = [*kept], 0, samples
+        blocks, size, left = list[tuple[np.ndarray, Mapping[str, Cells]]](), 0, samples
         while left and (new := list(islice(lines, min(left, BLOCK)))):
             columns = zip(names, _cells(new, names, delimiter), strict=True)
             cells = {name: _numbers(name, column, memory, commas) for name, column in columns if name}
@@ -223,7 +220,6 @@ def tables_of_lines(
         rows = np.concatenate([rows for rows, _ in blocks])
         cells = {name: _joined([own[name] for _, own in blocks]) for name in blocks[0][1]}
         yield Table(cells, rows, "row", metadata, memory, commas)
-        kept = [(rows[-overlap:], {name: x[-overlap:] for name, x in cells.items()})] if overlap else []
 
 
 def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:

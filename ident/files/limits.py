@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.annotations import Point, as_array, fits, in_words, one_of
 from ident.errors import InputError, LogError, not_installed
-from ident.files.column import UNITS
-from ident.files.table import short
+from ident.files.table import UNITS, short
 from ident.tolerances import HUGE
 
 LIMIT = 500_000_000

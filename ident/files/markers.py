@@ -19,10 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.column import UNITS
 from ident.files.csv_file import Text, lines_of, opened_text
 from ident.files.limits import NUMBER, checked_rate
-from ident.files.table import Table, short, vector_columns
+from ident.files.table import UNITS, Table, short, vector_columns
 from ident.tolerances import HUGE
 
 
@@ -93,9 +92,6 @@ NEEDED = ("DataRate", "NumFrames", "NumMarkers", "Units")
 LENGTHS: Mapping[str, float] = {**UNITS["length"], "meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
 """Units of length in headers, as factors to the metre."""
 
-ARRAY = 120
-"""Bytes that an array takes in addition to its numbers."""
-
 Row = tuple[int, list[str]]
 """Cells of a row, with its number from 1."""
 
@@ -129,7 +125,7 @@ def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
     frames: list[np.ndarray] = []
     for row in chain(rows[4:] if rows[4][1][0].isdecimal() else [], others):
         frames.append(np.array(_frame(row, columns)))
-        text.check_size(len(frames) * (NUMBER * columns + ARRAY))
+        text.check_size(len(frames) * NUMBER * columns)
     for key, count in (("NumFrames", len(frames)), ("NumMarkers", len(labels))):
         if header[key] != str(count):
             raise LogError(f"the header promises {short(header[key])} as {key}, the file has {count}.")

@@ -1,17 +1,68 @@
-"""Named columns of a file of any format, piece by piece, or of what is in memory: arrays, data frames, datasets."""
+"""Named columns of a file of any format, their units, and columns computed from others."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from ident.arguments import short as short
 from ident.errors import LogError
-from ident.files.column import Sum
+
+KINDS = {
+    "position": ("{}_position", "q_{}", "{}"),
+    "velocity": ("{}_velocity", "dq_{}"),
+    "acceleration": ("{}_acceleration", "ddq_{}"),
+    "torque": ("{}_torque", "tau_{}"),
+}
+"""Quantities of a joint and the names of their columns; for a ball, before the suffixes `.w`, `.x` and so on."""
+
+COMMAND = "{}_command"
+"""Name of the column of a hinge's or slide's commanded position."""
+
+BALL = {"position": "wxyz", "velocity": "xyz", "acceleration": "xyz", "torque": "xyz"}
+"""Suffixes of a ball's columns: a quaternion, and vectors in the body's frame."""
+
+_SQUARED = ("^2", "2", "²")
+_ANGLE = {"rad": 1.0, "deg": np.pi / 180}
+_RATE = {f"{u}/s": f for u, f in _ANGLE.items()}
+_ACCELERATION = {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "mN m": 1e-3, "mNm": 1e-3, "kN m": 1e3, "kNm": 1e3}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "hinge position": _ANGLE,
+    "hinge velocity": _RATE | {"rpm": np.pi / 30},
+    "hinge acceleration": _ACCELERATION,
+    "hinge torque": _MOMENT,
+    "hinge command": _ANGLE,
+    "ball position": {"1": 1.0},
+    "ball velocity": _RATE,
+    "ball acceleration": _ACCELERATION,
+    "ball torque": _MOMENT,
+    "slide position": _LENGTH,
+    "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
+    "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},
+    "slide torque": _FORCE,
+    "slide command": _LENGTH,
+    "force": _FORCE,
+    "torque": _MOMENT,
+    "length": _LENGTH,
+}
+"""Units of every quantity, as factors to SI; the first is the default."""
+
+CURRENT = {"A": 1.0, "mA": 1e-3}
+"""Units of a motor's current; a gain turns it into a torque in N m or a force in N."""
 
 SUFFIXES = {3: "xyz", 4: "wxyz"}
 """Suffixes of the columns of a vector and of a quaternion: `ground_force.x`."""
+
+TIME = "time"
+"""Column of the times of a table that has its own, s."""
+
+COUNT = "(number of the sample)"
+"""Column of sample counts from zero, from which a rate makes times; no file has it."""
 
 TRUE = "true:"
 """Prefix of the columns that hold true values."""
@@ -30,8 +81,90 @@ METADATA = {
 LISTED = 40
 """Names that a message lists at most."""
 
+EPOCH = 1e6
+"""First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
+
 FAR = 1e30
 """Upper limit of the numbers from which others are computed, as products of four."""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A column computed from others: Σ weight · column + constant, or a constant alone.
+
+    Attributes:
+        columns: Names of the columns in the sum, each once.
+        weights: Weight of each column.
+        constant: Constant that is added.
+    """
+
+    columns: tuple[str, ...]
+    weights: tuple[float, ...]
+    constant: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Name in messages and in a mapping, such as `0.5*qm5 + 0.5*qm6 - 3`."""
+        terms = [f"{w:+.9g}*{name}" for w, name in zip(self.weights, self.columns, strict=True)]
+        terms += [f"{self.constant:+.9g}"] if self.constant else []
+        text = " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+        return text if self.columns else f"constant {self.constant:.9g}"
+
+    def of(self, columns: Sequence[np.ndarray], samples: int) -> np.ndarray:
+        """Values of the sum from those of its columns (N,), NaN where one of them is missing (N,)."""
+        constant = np.full(samples, self.constant)
+        return np.tensordot(self.weights, np.stack(columns), axes=1) + constant if columns else constant
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns that make one quantity.
+
+    Attributes:
+        names: Their names, "" for those that are missing.
+        factor: Their unit as a factor to the SI's.
+        unit: The SI's unit, "" unless a unit is stated.
+        sums: Those of them that are computed; `names` has their names.
+    """
+
+    names: tuple[str, ...]
+    factor: float = 1.0
+    unit: str = ""
+    sums: tuple[Sum, ...] = ()
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """Names of the columns of the file that are read."""
+        computed = {each.name: each.columns for each in self.sums}
+        return tuple(column for name in filter(None, self.names) for column in computed.get(name, (name,)))
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Names of the columns, no constants; a sum of one column counts as that column, of several by its own name."""
+        single = {each.name: each.columns for each in self.sums if len(each.columns) < 2}
+        return tuple(own for name in filter(None, self.names) for own in single.get(name, (name,)))
+
+    @property
+    def line(self) -> tuple[float, float]:
+        """Factor and constant of a single quantity from one column, in SI units."""
+        (term,) = self.sums or (Sum(self.names, (1.0,)),)
+        return self.factor * term.weights[0], self.factor * term.constant
+
+
+def combined(weights: Iterable[float], columns: Sequence[Columns]) -> Columns:
+    """Σ weight · column in SI units, with columns that may be sums themselves expanded into one sum."""
+    terms: dict[str, float] = {}
+    constant = 0.0
+    for weight, each in zip(weights, columns, strict=True):
+        if not weight:
+            continue
+        (inner,) = each.sums or (Sum(each.names, (1.0,)),)
+        scale = float(weight) * each.factor
+        constant += scale * inner.constant
+        for name, share in zip(inner.columns, inner.weights, strict=True):
+            terms[name] = terms.get(name, 0.0) + scale * share
+    total = Sum(tuple(terms), tuple(terms.values()), constant)
+    return Columns((total.name,), sums=(total,))
 
 
 @dataclass
@@ -42,13 +175,11 @@ class Memory:
         missing: True for columns read so far that are empty throughout, by name.
         separators: One column with each decimal separator found so far, by separator.
         marks: Decimal separators in the cells of text columns that have been parsed, by name.
-        turned: Whole turns taken off columns up to the end of the last piece, in their unit, by name.
     """
 
     missing: dict[str, bool] = field(default_factory=dict)
     separators: dict[str, str] = field(default_factory=dict)
     marks: dict[str, set[str]] = field(default_factory=dict)
-    turned: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -84,6 +215,22 @@ class Table:
     def row(self, i: int) -> str:
         """Location of sample i in the file, for messages."""
         return f"{self.word} {self.rows[i]}"
+
+    def part(self, rows: slice) -> "Table":
+        """The table of consecutive samples."""
+        return replace(self, cells={name: x[rows] for name, x in self.cells.items()}, rows=self.rows[rows])
+
+    def where(self, kept: np.ndarray) -> "Table":
+        """The table of the samples where a mask is true (N,)."""
+        rows = np.flatnonzero(kept).tolist()
+        cells = {name: x[rows] if isinstance(x, np.ndarray) else [x[i] for i in rows] for name, x in self.cells.items()}
+        return replace(self, cells=cells, rows=[self.rows[i] for i in rows])
+
+    def counted(self, clock: Columns | None) -> "Table":
+        """The table, with a column of sample counts if the clock is a rate."""
+        if clock is None or clock.names != (COUNT,):
+            return self
+        return replace(self, cells={**self.cells, COUNT: np.arange(len(self.rows), dtype=float)})
 
     def available(self) -> str:
         """Names of the file's columns, for messages."""
@@ -196,14 +343,6 @@ def vector_columns(name: str, x: np.ndarray) -> dict[str, np.ndarray]:
     return {f"{name}.{suffix}": column for suffix, column in zip(suffixes, x.T, strict=True)}
 
 
-def in_pieces(table: Table, samples: int, overlap: int) -> Iterator[Table]:
-    """Yields a table in pieces of at most `samples` samples, each preceded by the last `overlap` of the one before."""
-    for first in range(0, len(table.rows), samples):
-        piece = slice(max(0, first - overlap), first + samples)
-        cells = {name: x[piece] for name, x in table.cells.items()}
-        yield replace(table, cells=cells, rows=table.rows[piece])
-
-
 def number_of(cell: str, decimal_comma: bool) -> float:
     """The number in a cell, NaN for an empty one.
 
@@ -228,101 +367,3 @@ def listed(names: Collection[str]) -> str:
     """Names for a message, shortened if there are many."""
     some = [short(name) for name in names][:LISTED]
     return ", ".join(some + ["..."] * (len(names) > len(some))) or "none"
-
-
-class DataFrame(Protocol):
-    """A data frame as of pandas."""
-
-    @property
-    def columns(self) -> Any:
-        """Names of the columns."""
-
-    @property
-    def index(self) -> Any:
-        """Index of the rows."""
-
-    def __getitem__(self, name: Any) -> Any:
-        """A column."""
-
-
-InMemory: TypeAlias = Mapping[str, Any] | DataFrame
-"""Columns by name: arrays (N,) or (N, d), a data frame, or an xarray dataset."""
-
-TYPES = "a mapping of arrays, a pandas DataFrame or an xarray Dataset"
-"""Types of the sources of a table, for messages."""
-
-
-def kind_of(source: Any) -> str:
-    """Kind of a source, for messages, such as `pandas DataFrame` or `dict of columns`."""
-    package, name = type(source).__module__.partition(".")[0], type(source).__name__
-    return f"{name} of columns" if package in ("builtins", "collections") else f"{package} {name}"
-
-
-def table_of(source: Any) -> Table | None:
-    """Table of columns in memory; None for what is none of `TYPES`.
-
-    The index of a data frame is a column if it has a name, as the coordinates of a dataset are that have one number for
-    each sample. Dates and durations become seconds from the first.
-
-    Raises:
-        LogError: A column has no numbers, columns have different lengths, or names are not texts of their own.
-    """
-    arrays = _arrays(source)
-    if arrays is None:
-        return None
-    columns = {name: _as_numbers(name, np.asarray(values)) for name, values in arrays.items()}
-    lengths = {name: len(x) for name, x in columns.items()}
-    if len(set(lengths.values())) > 1:
-        (name, samples), *others = lengths.items()
-        other, its = next(each for each in others if each[1] != samples)
-        raise LogError(
-            f"columns need one length, but '{short(name)}' has {samples} samples and '{short(other)}' has {its}."
-        )
-    cells = _by_text(pair for name, x in columns.items() for pair in vector_columns(name, x).items())
-    samples = next(iter(lengths.values()), 0)
-    return Table(cells, range(1, samples + 1), "sample", origin=kind_of(source))
-
-
-def _arrays(source: Any) -> dict[str, Any] | None:
-    """Columns by name, as they are."""
-    if isinstance(source, Mapping):
-        lengths = {np.shape(x)[:1] for x in source.values()}
-        coordinates = getattr(source, "coords", {}).items()
-        return _by_text([*((k, x) for k, x in coordinates if np.ndim(x) == 1 and x.shape in lengths), *source.items()])
-    if hasattr(source, "columns") and hasattr(source, "index"):
-        index = [] if source.index.name is None else [(source.index.name, source.index)]
-        names = _by_text((name, name) for name in source.columns)
-        return _by_text([*index, *((name, source[own]) for name, own in names.items())])
-    return None
-
-
-def _by_text(columns: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
-    """Columns by their names as texts.
-
-    Raises:
-        LogError: A name has several levels, or two columns have one name.
-    """
-    out: dict[str, Any] = {}
-    for name, column in columns:
-        if isinstance(name, tuple):
-            raise LogError(
-                f"column {short(name)} has a name of {len(name)} levels and needs a text; for a data frame, "
-                'frame.columns = frame.columns.map("_".join) makes one.'
-            )
-        if str(name) in out:
-            raise LogError(f"two columns are named '{short(name)}'; each needs a name of its own.")
-        out[str(name)] = column
-    return out
-
-
-def _as_numbers(name: str, values: np.ndarray) -> np.ndarray:
-    """Numbers of a column (N,) or (N, d)."""
-    if values.ndim not in (1, 2) or not values.size:
-        raise LogError(f"column '{short(name)}' needs a number for each sample, got shape {values.shape}.")
-    if values.dtype.kind in "mM":
-        return (values - values[:1]) / np.timedelta64(1, "s")
-    try:
-        # Imaginary parts would be dropped.
-        return values.astype(float, casting="same_kind" if values.dtype.kind == "c" else "unsafe")
-    except (TypeError, ValueError):
-        raise LogError(f"column '{short(name)}' needs numbers, got {values.dtype}.") from None

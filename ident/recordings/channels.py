@@ -1,124 +1,43 @@
-"""The channels of a log in SI units: columns by the mapping, or else by their names, as those of wrenches."""
+"""The channels of a log in SI units: columns by the mapping or by their names; whole turns and wrong units."""
 
-import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
+from itertools import product
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
-from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
-from ident.files.table import BASE, Table, listed, short
+from ident.files.table import BALL, BASE, COMMAND, KINDS, UNITS, Columns, Table, listed, short
 from ident.geometry.se3 import without_jumps
-from ident.recordings.faults import turns_of, with_continuous_angles
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.mapping import STATED, ColumnMapping, check_no_column_twice
+from ident.recordings.recording import Recording
 from ident.recordings.standing import about_origins
 from ident.recordings.stated import TRACKED, annotations
 from ident.recordings.times import AS_MEASURED, POSES
 from ident.recordings.wrench import GROUND, Sensor
-from ident.tolerances import HUGE
+from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
-_WHOSE = r"([\W_\d]*|(?:[\W_]+[a-z\d]+)+?[\W_]+)"
-_NUMBER, _AXIS = r"([\W_\d]*)", r"[\W_]*([xyz])(?![a-z])"
-
-WORDS = (
-    ("torque", rf"(?:force|grf){_WHOSE}m{_AXIS}"),
-    ("point", rf"(?:force|grf){_WHOSE}p{_AXIS}"),
-    ("force", rf"(?:force|grf|kraft){_WHOSE}v?{_AXIS}"),
-    ("torque", rf"(?<![a-z])(?:ft[\W_]*r|[mt]t){_NUMBER}{_AXIS}"),
-    ("force", rf"(?<![a-z])ft{_NUMBER}{_AXIS}"),
-    ("force", rf"(?<![a-z])f{_NUMBER}v?{_AXIS}"),
-    ("torque", rf"(?:torque|drehmoment|moment|grm){_WHOSE}m?{_AXIS}"),
-    ("torque", rf"(?<![a-z])[mt]{_NUMBER}{_AXIS}"),
-    ("point", rf"(?:cop|point){_WHOSE}p?{_AXIS}"),
-    ("point", rf"(?<![a-z])(?=p){_NUMBER}p?{_AXIS}"),
-)
-"""Patterns of the names of components in lower case: a word, perhaps a number or an owner, and an axis. OpenSim calls
-the components of a force vx, vy and vz, those of its point of application px, py and pz; AddBiomechanics calls those of
-a moment mx, my and mz. Drivers of force-torque sensors write FTx and MTx, or FT_X and FT_RX."""
-
-SIX = re.compile(r"(?<![a-z])f[\W_]?t(?![a-z])|wrench|force[\W_]*torque|tcp[\W_]*force|f[\W_]?t[\W_]*sens")
-THREE = {"force": re.compile(r"(?<![a-z])(?:forces?|kraft|f)(?![a-z])"), "torque": re.compile(r"torques?|moments?")}
-"""Words of series of numbers: three forces and three moments in one, as `FT0` to `FT5`, or in two."""
-
-Component = tuple[str, str]
-"""Quantity, a kind of `WORDS`, and axis."""
-
-
-SIX_KEYS: tuple[Component, ...] = tuple((kind, axis) for kind in ("force", "torque") for axis in "xyz")
-"""Components in the order of their numbers."""
-
-PARTS = ("force", "torque")
-"""Quantities of a wrench; moments are about the origin."""
-
-JOINT_TORQUE = r"torque|moment|effort|(?<![a-z])(tau|trq|t)(?![a-z])"
-"""Pattern of the names of joint torques, in lower case."""
+SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct; in Python, columns= takes one."
+"""Advice for logs whose columns cannot be assigned by name."""
 
 ALIKE = 0.85
 """Similarity from which a name is taken as another one, misspelt."""
 
-PLACE = "in a file for --columns or by columns= in Python"
-"""Place of a mapping, for messages."""
 
-
-def wrench_groups(names: Sequence[str]) -> dict[str, dict[Component, str]]:
-    """Columns by the common part of the names of one wrench, and by component."""
-    groups: dict[str, dict[Component, str]] = {}
-    for name in names:
-        for kind, pattern in WORDS:
-            if match := re.search(pattern, name.lower()):
-                whose = "_".join(re.findall(r"[a-z\d]+", match[1]))
-                rest = f"{name[: match.start()]}|{whose}|{name[match.end() :]}"
-                groups.setdefault(rest, {}).setdefault((kind, match[2]), name)
-                break
-    return {**groups, **_numbered([name for name in names if not any(name in own.values() for own in groups.values())])}
-
-
-def _numbered(names: Sequence[str]) -> dict[str, dict[Component, str]]:
-    """Wrenches whose components are numbered: six of one series, or three forces and three moments of two."""
-    series: dict[tuple[str, str], dict[int, str]] = {}
-    for name in names:
-        if match := re.fullmatch(r"(.*?)(\d{1,6})(\D*)", name.lower()):
-            series.setdefault((match[1], match[3]), {})[int(match[2])] = name
-    groups: dict[str, dict[Component, str]] = {}
-    for (stem, end), own in series.items():
-        columns = [own[k] for k in sorted(own)]
-        if max(own) - min(own) + 1 != len(own):
-            continue
-        if len(own) == 6 and SIX.search(stem):
-            groups[stem.strip("[_. /") + end.strip("])_. /")] = dict(zip(SIX_KEYS, columns, strict=True))
-        for kind, pattern in THREE.items() if len(own) == 3 else ():
-            if match := pattern.search(stem):
-                rest = f"{stem[: match.start()]}|{stem[match.end() :]}{end}"
-                groups.setdefault(rest, {}).update({(kind, x): c for x, c in zip("xyz", columns, strict=True)})
-    return {rest: own for rest, own in groups.items() if len(own) == 6}
-
-
-def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
-    """Message on the unused columns of a log, with a mapping for those that look like a wrench or joint torques.
-
-    Args:
-        columns: Names of the unused columns.
-        joints: Names of the mechanism's joints.
-
-    Returns:
-        A sentence, followed by lines of TOML if there is something to suggest.
-    """
-    names = [name for name in columns if name == name.strip() and name.isprintable()]
-    lines = _ground(names) or _torques(names, [joint for joint in joints if joint.isprintable()])
+def unmapped(columns: Sequence[str]) -> str:
+    """A sentence on the unused columns of a log, where no wrench and no torque is known."""
     plain = [" ".join(name.split()) for name in columns]
     there = f"Besides times, joint states and what is empty it has {'the' if columns else 'no'} columns"
     there += f" {listed(plain)}" if columns else ""
-    if not lines:
-        return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
-    wrist = " (`multicontact columns` tells if a sensor at a wrist measures them)" if "wrenches" in lines[0] else ""
-    return "\n".join([f"{there}; these lines, {PLACE}, would use those that look like it{wrist}:", *lines])
+    return f"{there}; none is mapped as a wrench or a torque, or has the name of one.{SUGGESTION}"
 
 
 def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
@@ -135,42 +54,6 @@ def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
         if close := get_close_matches(name.casefold(), alike, 1, ALIKE):
             out.append(f"Column '{short(name)}' is not used, since its name is not '{close[0]}'; rename or map it.")
     return out
-
-
-def _ground(names: Sequence[str]) -> list[str]:
-    """Lines for the most complete wrench among the columns."""
-    groups = wrench_groups(names).values()
-    wrenches = ({key: name for key, name in group.items() if key[0] in PARTS} for group in groups)
-    if not (best := max(wrenches, key=len, default={})):
-        return []
-    listed = {kind: ", ".join(_quoted(best.get((kind, axis), "")) for axis in "xyz") for kind in PARTS}
-    return ["[wrenches.ground]", *(f"{kind} = [{columns}]" for kind, columns in listed.items())]
-
-
-def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Lines for the joints' torques: by the joints' names, or in order if there are as many."""
-    torques = [name for name in names if re.search(JOINT_TORQUE, name.lower().replace("_", " "))]
-    columns: dict[str, str] = {}
-    for joint in sorted(joints, key=len, reverse=True):
-        if own := [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]:
-            columns[joint] = own[0]
-    if not columns and len(torques) == len(joints):
-        columns = dict(zip(joints, torques, strict=True))
-    return [line for joint in joints if joint in columns for line in _torque_lines(joint, columns[joint])]
-
-
-def _torque_lines(joint: str, column: str) -> tuple[str, str]:
-    key = joint if re.fullmatch(r"[A-Za-z0-9_-]+", joint) else _quoted(joint)
-    return f"[joints.{key}]", f"torque = {_quoted(column)}"
-
-
-def _quoted(text: str) -> str:
-    """The text as a TOML string; for names of columns JSON writes the same."""
-    return json.dumps(text, ensure_ascii=False)
-
-
-SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct; in Python, columns= takes one."
-"""Advice for logs whose columns cannot be assigned by name."""
 
 
 class NoPositionError(LogError):
@@ -312,9 +195,9 @@ def read_channels(
     Raises:
         LogError: A column has no numbers, not all of them, or numbers out of range.
     """
-    table = with_continuous_angles(table, mapping.turns, notes)
+    table, wrapped = with_continuous_angles(table, mapping.turns, notes)
     for key, columns in mapping.columns.items():
-        if not table.memory.turned.keys().isdisjoint(columns.read):
+        if not wrapped.isdisjoint(columns.read):
             # Its turns show its unit, however far it goes.
             mapping.columns[key] = replace(columns, unit="rad")
     channels = {
@@ -357,3 +240,135 @@ def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:
         i = int(wrong.argmax())
         raise LogError(f"{table.row(i)}, {key} needs a norm of 1, got {norm[i]:g}.")
     return without_jumps(quaternion / norm[:, None])
+
+
+RANGE = 1.01
+"""Largest range of a wrapped angle in turns; the rest is noise at its ends."""
+
+FAST, CLOSE = 0.25, 0.05
+"""Largest step beside a jump, and largest difference of a jump without its turn from the steps beside it, in turns. A
+joint that goes through less than a quarter of a turn in a sample can be followed; no joint goes through nine tenths of
+a turn in one sample and rests before and after it."""
+
+
+def turns_of(columns: Columns) -> dict[str, tuple[float, ...]]:
+    """Numbers that may be a whole turn, by the columns that make an angle.
+
+    The unit of a column in a sum is not known: besides the angle's own, its encoder may turn before a gear.
+    """
+    if not columns.sums:
+        return dict.fromkeys(columns.read, (2 * np.pi / columns.factor,))
+    terms = [pair for each in columns.sums for pair in zip(each.columns, each.weights, strict=True)]
+    return {name: (2 * np.pi / abs(weight * columns.factor), 2 * np.pi, 360.0) for name, weight in terms}
+
+
+def unwrapped(x: np.ndarray, turns: Sequence[float]) -> tuple[np.ndarray, int]:
+    """A column without jumps by a whole turn, and their number; it is unchanged if there are none.
+
+    A jump counts if, without a whole turn, it is like the steps before and after it.
+
+    Args:
+        x: The column, NaN where samples are missing (N,).
+        turns: Numbers that may be a whole turn; the first with such jumps is taken.
+    """
+    there = np.flatnonzero(np.isfinite(x))
+    steps = np.diff(x[there])
+    if len(steps) < 3:
+        return x, 0
+    low, high = np.percentile(x[there], (1, 99))
+    for turn in turns:
+        wraps = np.where(np.abs(steps) > turn / 2, np.sign(steps), 0)
+        if not wraps.any() or high - low > RANGE * turn:
+            continue
+        rest = (steps - turn * wraps) / turn
+        beside = (np.append(rest[1], rest[:-1]) + np.append(rest[1:], rest[-2])) / 2
+        wraps[(np.abs(rest - beside) > CLOSE) | (np.abs(beside) > FAST)] = 0
+        if wraps.any():
+            out = x.copy()
+            out[there[1:]] -= turn * np.cumsum(wraps)
+            return out, int(np.count_nonzero(wraps))
+    return x, 0
+
+
+def with_continuous_angles(
+    table: Table, turns: Mapping[str, Sequence[float]], notes: list[str]
+) -> tuple[Table, set[str]]:
+    """The table with wrapped columns unwrapped, and the names of these.
+
+    Args:
+        table: The file.
+        turns: Numbers that may be a whole turn, by column, as from `turns_of`.
+        notes: Sentences on what was detected; more are appended.
+    """
+    cells, wrapped = dict(table.cells), set[str]()
+    for name in (name for name in turns if name in table.cells):
+        # What cannot be read is refused where it is used.
+        with suppress(LogError):
+            x, number = unwrapped(table.column(name, gaps=True), turns[name])
+            if number:
+                notes.append(
+                    f"Column '{short(name)}' jumps by a whole turn {number} times, as an angle does where its range "
+                    "ends; it was made continuous."
+                )
+                cells[name] = x
+                wrapped.add(name)
+    return replace(table, cells=cells), wrapped
+
+
+def check_angles(recording: Recording, mapping: ColumnMapping, hinges: Sequence[str]) -> None:
+    """Refuses positions of hinges that look like degrees, unless their unit is stated."""
+    for joint in hinges:
+        columns, extent = mapping.columns[f"joints.{joint}.position"], float(np.ptp(recording[f"{joint}_position"]))
+        if extent > TURNS and not columns.unit:
+            raise LogError(
+                f"column '{columns.names[0]}', the position of joint '{joint}', ranges over {extent:.3g} rad, which "
+                f'looks like degrees; map it, as in position = {{ column = "{columns.names[0]}", unit = "deg" }} '
+                f'under [joints.{joint}], or state its unit "rad".'
+            )
+
+
+def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
+    """Refuses rates of hinges in degrees whose integrals are in radians, or the reverse."""
+    for joint, (kind, rate) in product(hinges, (("position", "velocity"), ("velocity", "acceleration"))):
+        x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
+        if x is None or dx is None:
+            continue
+        factor = rate_factor(recording.time, x, dx)
+        if any(0.8 < abs(factor) / suspected < 1.25 for suspected in (180 / np.pi, np.pi / 180)):
+            raise LogError(
+                f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of them is "
+                f"in degrees; map it with its unit under [joints.{joint}]."
+            )
+
+
+def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
+    """Factor of dx to the derivative of x; 0 if the two are hardly correlated."""
+    return float(rate_factors(time, x[:, None], dx[:, None])[0, 0])
+
+
+def rate_factors(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> np.ndarray:
+    """Factors of columns (N, l) to the derivatives of others (N, k); 0 if two are hardly correlated (k, l)."""
+    m = max(1, len(time) // 100)
+    # Differences and integrals over many samples have less noise than derivatives.
+    integral = np.insert(np.cumsum((dx[1:] + dx[:-1]) / 2 * np.diff(time)[:, None], axis=0), 0, 0.0, axis=0)
+    a, b = x[m:] - x[:-m], integral[m:] - integral[:-m]
+    power, common = (a * a).sum(axis=0)[:, None], a.T @ b
+    least = 0.81 * power * (b * b).sum(axis=0)
+    alike = (common**2 > least) & (least > 1e-30)
+    return np.where(alike, common, 0.0) / np.where(alike, power, 1.0)
+
+
+def unit_of_force(recording: Recording, mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
+    """A note if the ground's force is so far below the mechanism's weight that its unit may be kilonewtons."""
+    force = recording.measured.get(f"{GROUND}_force")
+    if force is None or recording.base is not None or mechanism.prior is None:
+        return []
+    force = force[:, ~np.isnan(force[0])]
+    largest = float(np.linalg.norm(force, axis=1).max())
+    stated = mapping.columns[f"wrenches.{GROUND}.force"].unit
+    if not force.shape[1] or largest >= mechanism.weight / KILONEWTONS or stated:
+        return []
+    return [
+        f"The ground's force is at most {largest:.3g} N where the mechanism weighs {mechanism.weight:.4g} N: its unit "
+        f'may be kN; map it, with unit = "kN" under [wrenches.{GROUND}].'
+    ]

@@ -1,22 +1,21 @@
-"""Joints that follow another one: they share its column, or have none and are coupled to it in the model."""
+"""Joints that follow another one, whose column they share or to which the model couples them, or a servo's command."""
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.column import Columns, Sum, combined
+from ident.files.table import Columns, Sum, combined
 from ident.mechanism.body import Follower
 from ident.mechanism.closure import Closure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import ColumnMapping, check_no_column_twice
+from ident.recordings.recording import Recording
 from ident.recordings.smoothing import white_noise
-
-if TYPE_CHECKING:
-    from ident.recordings.recording import Recording
+from ident.recordings.stated import Servo, model_servo
+from ident.recordings.times import GAP, Sampled
 
 EXACT = 1e-12
 """Least noise of a position, rad or m, so that exact ones have finite weights."""
@@ -80,7 +79,7 @@ def moved(mapping: ColumnMapping, mechanism: Mechanism) -> Mechanism:
     return mechanism.following(followers).closed(lacking, driven)
 
 
-def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Recording", list[str]]:
+def moving(mechanism: Mechanism, recording: Recording) -> tuple[Mechanism, Recording, list[str]]:
     """The mechanism as it moves in a recording, with its loops closed along it, the recording, and sentences on these.
 
     Of the recording, positions of independent joints are those that measured dependent ones make more certain.
@@ -111,7 +110,7 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Re
     return mechanism, recording, notes
 
 
-def _along(tree: Tree, recording: "Recording") -> tuple[Tree, "Recording", list[str]]:
+def _along(tree: Tree, recording: Recording) -> tuple[Tree, Recording, list[str]]:
     """A tree with its loops closed along a recording, the recording as for `moving`, and sentences on them."""
     if (closure := tree.closure) is None:
         return tree, recording, []
@@ -128,7 +127,7 @@ def _along(tree: Tree, recording: "Recording") -> tuple[Tree, "Recording", list[
     )
 
 
-def _fused(closure: Closure, recording: "Recording", x: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Independent coordinates (N, n) with what columns of dependent joints add, and sentences on these.
 
     Of the coordinates' errors e, a dependent joint's column shows y - y(x) = e_y - G e but for a constant: its zero.
@@ -202,3 +201,72 @@ def _polynomial(lead: Follower) -> str:
     powers = [lead.joint, *(f"{lead.joint}^{k}" for k in range(2, len(lead.coefficients)))]
     constant, *weights = lead.coefficients
     return Sum(tuple(powers[: len(weights)]), tuple(weights), constant).name
+
+
+FAR_APART = 20.0
+"""Range of commands over that of the positions from which their units differ."""
+
+
+def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Mechanism, notes: list[str]) -> Recording:
+    """Recording with the servos of its commanded joints, and without commands that give no torque.
+
+    Args:
+        recording: The recording, with channels `JOINT_command`.
+        servos: Servos that the log's mapping states, by joint; others are those of the model's position actuators.
+        mechanism: The mechanism.
+        notes: Sentences on what was detected; more are appended.
+
+    Raises:
+        LogError: Commands and positions are in different units, or nothing but commands without gains is measured.
+    """
+    commanded = [joint for joint in mechanism.tree.joints if f"{joint}_command" in recording.measured]
+    used, unused = dict[str, Servo](), list[str]()
+    for joint in commanded:
+        servo = servos.get(joint) or model_servo(mechanism, joint)
+        if servo is None or f"{joint}_torque" in recording.measured:
+            unused.append(joint)
+        else:
+            _check_unit_of_command(recording, joint)
+            used[joint] = servo
+            notes += _rare_commands(recording, joint)
+    if without := [joint for joint in unused if f"{joint}_torque" not in recording.measured]:
+        note = (
+            f"Commands of {', '.join(without)} are not used: the model has no position actuator with a gear of 1 for "
+            "them, and no kp is stated under [joints.NAME]."
+        )
+        if not (used or recording.wrenches or recording.torques(mechanism.tree.joints) is not None):
+            raise LogError(f"nothing is left to fit. {note}")
+        notes.append(note)
+    recording = recording.without([f"{joint}_command" for joint in unused])
+    measured, streams = dict(recording.measured), dict(recording.streams)
+    for body in (body for body in mechanism.tree.bodies if body.joint in used and body.turns):
+        command = f"{body.joint}_command"
+        # A command that is unwrapped may be whole turns away from its position.
+        turns = 2 * np.pi * np.round(np.median(measured[command] - measured[f"{body.joint}_position"]) / (2 * np.pi))
+        measured[command] = measured[command] - turns
+        if command in streams:
+            streams[command] = Sampled(streams[command].time, streams[command].values - turns)
+    scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
+    return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
+
+
+def _rare_commands(recording: Recording, joint: str) -> list[str]:
+    """A sentence on commands that come more rarely than positions, of which a log may have left out some."""
+    time, values = recording.as_measured(f"{joint}_command")
+    step = float(np.median(np.diff(time[np.isfinite(values)])))
+    if step <= GAP / recording.rate:
+        return []
+    return [
+        f"Commands of '{joint}' come every {step:.3g} s, more rarely than its positions, and count as held in between. "
+        "If the log keeps only some of them, inertias are wrong: log every command."
+    ]
+
+
+def _check_unit_of_command(recording: Recording, joint: str) -> None:
+    command, position = recording[f"{joint}_command"], recording[f"{joint}_position"]
+    size, usual = (float(np.abs(x).max()) for x in (command, position))
+    if size > FAR_APART * usual > 0 and np.ptp(command) > FAR_APART * np.ptp(position):
+        raise LogError(
+            f"the commands of joint '{joint}' reach {size:.3g}, its positions {usual:.3g}; both need one unit: map the "
+            f'command with its own, as in command = {{ column = ..., unit = "deg" }} under [joints.{joint}].'
+        )

@@ -1,8 +1,7 @@
 """Reading of a user's log: columns found by name or by a mapping file, units converted, times repaired."""
 
-import sys
 from collections import ChainMap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,21 +11,37 @@ import numpy as np
 from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
-from ident.files.column import BALL, COMMAND, KINDS
+from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
-from ident.files.readers import has_several_clocks, read_clocks, read_tables
-from ident.files.table import BASE, TRUE, TYPES, InMemory, Table, in_pieces, kind_of, table_of
+from ident.files.readers import (
+    TEXT,
+    TYPES,
+    InMemory,
+    files_of,
+    has_several_clocks,
+    kind_of,
+    read_clocks,
+    read_files,
+    read_tables,
+    table_of,
+)
+from ident.files.table import BALL, BASE, COMMAND, KINDS, TIME, TRUE, Columns, Table, listed, short
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.channels import NoPositionError, misspelt, read_channels, with_names
-from ident.recordings.entries import counted, selected
-from ident.recordings.faults import check_angles, check_rates, unit_of_force, with_servos
-from ident.recordings.followers import follower_notes, moved
+from ident.recordings.channels import (
+    NoPositionError,
+    check_angles,
+    check_rates,
+    misspelt,
+    read_channels,
+    unit_of_force,
+    with_names,
+)
+from ident.recordings.followers import follower_notes, moved, with_servos
 from ident.recordings.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.recording import Recording, poses
-from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.stated import annotations
-from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, Sampled, check_samples
+from ident.recordings.times import Clock, Repaired, Sampled, check_samples, streams_of, together
 from ident.recordings.wrench import GROUND
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
@@ -74,24 +89,25 @@ def read_log(
     """
     if not isinstance(path, str | Path):
         return _in_memory(path, mechanism, columns, gaps=gaps)
-    (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
-    return recording
-
-
-@typed("path", "columns")
-def read_log_pieces(
-    path: str | Path, mechanism: Mechanism, columns: MappingSource = None, samples: int = 10_000, *, limit: int = LIMIT
-) -> Iterator[Recording]:
-    """Reads a log piece by piece, for logs larger than memory.
-
-    Units are checked on the first piece, and its time step is used for all. A piece whose times jitter is resampled by
-    itself. Text and npz archives take no more memory than a piece, unless rows or times are selected.
-
-    Args:
-        path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
-        samples: Samples of each piece, at least `LEAST_SAMPLES`.
-    """
-    yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
+    path, mapping = Path(path), _mapping(columns, mechanism)
+    files = files_of(path)
+    try:
+        if len(files) == 1 and not has_several_clocks(path):
+            _check_number(1, mapping)
+            tables = list(read_tables(path, limit=limit, layout=mapping.layouts[0]))
+            return _of_table(tables[0] if tables else Table({}, (), "row"), mechanism, mapping, gaps=gaps)
+        if mapping.still:
+            raise LogError("poses = true is for one table with a row for each pose.")
+        if len(files) == 1:
+            return _of_tables(read_clocks(path, limit=limit), mechanism, mapping, gaps=None)
+        tables = read_files(files, *_layouts_and_clocks(files, mapping), limit=limit)
+        columns_left = {key: used for key, used in mapping.columns.items() if key != TIME}
+        mapping = replace(mapping, columns=columns_left, clocks=(), layouts=(Layout(),))
+        return _of_tables(tables, mechanism, mapping, gaps=gaps)
+    except (LogError, OSError) as error:
+        markers = [file.name for file in files if file.suffix.lower() == ".trc"]
+        hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
+        raise LogError(f"{path}: {error}{hint}") from None
 
 
 def _in_memory(source: Any, mechanism: Mechanism, columns: MappingSource, *, gaps: bool) -> Recording:
@@ -100,12 +116,9 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: MappingSource, *, gap
         if (table := table_of(source)) is None:
             several = " Read each by itself, or give `identify` the list." if isinstance(source, list | tuple) else ""
             raise InputError(f"A log needs the path of a file, or {TYPES}; got {described(source)}.{several}")
-        mapping = _mapping(columns, mechanism)
-        tables = _selected([table], mapping, mechanism, sys.maxsize)
-        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps, clocks=False)
+        return _of_table(table, mechanism, _mapping(columns, mechanism), gaps=gaps)
     except LogError as error:
         raise LogError(f"The {kind_of(source)}: {error}") from None
-    return recording
 
 
 def _mapping(columns: MappingSource, mechanism: Mechanism) -> ColumnMapping:
@@ -120,94 +133,130 @@ def _mapping(columns: MappingSource, mechanism: Mechanism) -> ColumnMapping:
     return replace(mapping, followers=mechanism.mimics, mechanism=mechanism)
 
 
-def _pieces(
-    path: Path, mechanism: Mechanism, columns: MappingSource, samples: int, *, gaps: bool, limit: int
-) -> Iterator[Recording]:
-    """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
-    mapping = _mapping(columns, mechanism)
-    try:
-        files = files_of(path)
-        if len(files) > 1 or has_several_clocks(path):
-            if mapping.still:
-                raise LogError("poses = true is for one table with a row for each pose.")
-            if samples < sys.maxsize:
-                raise LogError("a log with several clocks is not read in pieces; `identify` takes it whole.")
-            together = len(files) > 1
-            tables = read_files(files, mapping, limit) if together else read_clocks(path, limit=limit)
-            mapping = mapping.without_files if together else mapping
-            yield from _recordings([tables], mechanism, mapping, gaps=gaps if together else None, clocks=True)
-            return
-        check_number(1, mapping)
-        samples = max(samples, LEAST_SAMPLES)
-        at_once = sys.maxsize if mapping.selection else samples
-        pieces = read_tables(path, at_once, overlap=1, limit=limit, layout=mapping.layouts[0])
-        tables_of_file = _selected(pieces, mapping, mechanism, samples)
-        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps, clocks=False)
-    except (LogError, OSError) as error:
-        markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
-        hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
-        raise LogError(f"{path}: {error}{hint}") from None
+def _layouts_and_clocks(
+    files: Sequence[Path], mapping: ColumnMapping
+) -> tuple[Sequence[Layout], Sequence[Columns | None]]:
+    """Layout and column of times of each of several files; a layout for all text files does not apply to others."""
+    _check_number(len(files), mapping)
+    layouts, clocks = mapping.layouts, mapping.clocks or (mapping.columns.get(TIME),) * len(files)
+    if len(layouts) == 1:
+        layouts = tuple(layouts[0] if file.name.lower().endswith(TEXT) else Layout() for file in files)
+    return layouts, clocks
 
 
-def _recordings(
-    pieces: Iterable[Sequence[Table]], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool | None, clocks: bool
-) -> Iterator[Recording]:
-    """Recordings of the pieces of a log.
+def _check_number(number: int, mapping: ColumnMapping) -> None:
+    """Refuses a mapping whose entries for single files differ in number from the log's files."""
+    layouts, clocks = len(mapping.layouts), len(mapping.clocks)
+    for what, stated in (("[[file]]", layouts if layouts > 1 else number), ("time", clocks or number)):
+        if stated != number:
+            raise LogError(
+                f"the mapping describes {stated} files ({what}), but this log has {number}; files that belong together "
+                "are given as FILE+FILE."
+            )
 
-    Args:
-        pieces: Tables of each piece: one, or with `clocks` several that each have times of their own.
-        mechanism: The mechanism.
-        mapping: The mapping, to be completed by the columns' names.
-        gaps: True if samples may be missing; None if the file's format allows it.
-        clocks: True if tables have times of their own.
+
+def _of_table(table: Table, mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool) -> Recording:
+    """Recording of one table."""
+    cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
+    table = replace(table, cells=cells, sums=mapping.sums).counted(mapping.columns.get(TIME))
+    if mapping.selection:
+        clock = with_names(mapping, table, joint_kinds(mechanism.tree)).columns[TIME]
+        table = mapping.selection.of(table, clock)
+    check_samples(len(table.rows))
+    mapping = with_names(mapping, table, joint_kinds(mechanism.tree))
+    mechanism, notes = moved(mapping, mechanism), [*follower_notes(mapping.followers), *table.notes]
+    # Followers' torques add to their leaders', as sums that show when all columns are known.
+    table = replace(table, sums=mapping.sums)
+    channels = read_channels(table, mapping, notes, gaps=gaps)
+    repaired = Clock(mapping.columns[TIME], gaps).repaired(table, channels, notes)
+    return _recorded(repaired, [table], mechanism, mapping, notes)
+
+
+def _of_tables(
+    tables: Sequence[Table], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool | None
+) -> Recording:
+    """Recording of tables that each have times of their own; `gaps` is None where the format allows them.
+
+    Raises:
+        LogError: The mapping has times, which the file states, or entries for text files only; tables have columns of
+            one name, or no time is covered by all.
     """
-    kinds, clock = joint_kinds(mechanism.tree), None
-    for tables in pieces:
-        first, notes = clock is None, list[str]()
-        if clock is None:
-            if clocks:
-                mapping = mapping_of(tables, mapping, kinds)
-            else:
-                check_samples(len(tables[0].rows))
-                mapping = with_names(mapping, tables[0], kinds)
-            mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
-            kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
-        told = notes if first else []
-        if clocks:
-            repaired = read_streams(tables, mapping, notes, gaps=gaps)
-        else:
-            told += tables[0].notes
-            # Followers' torques add to their leaders', as sums that show when all columns are known.
-            table = replace(tables[0], sums=mapping.sums)
-            repaired = clock.repaired(table, read_channels(table, mapping, told, gaps=bool(gaps)), notes)
-        if not len(repaired.time):
+    if any(layout != Layout() for layout in mapping.layouts):
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
+    if mapping.selection.rows:
+        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
+    if TIME in mapping.columns:
+        raise LogError("this file knows the times of its columns; leave time out of the mapping, and a rate too.")
+    cells: dict[str, Sequence[str] | np.ndarray] = {}
+    units: dict[str, str] = {}
+    for table in tables:
+        if twice := (cells.keys() & table.cells.keys()) - {TIME}:
+            raise LogError(f"column '{short(min(twice))}' is at two rates; their labels need to differ.")
+        cells, units = cells | dict(table.cells), units | dict(table.units)
+    whole = Table(cells, (), "sample", sums=mapping.sums, units=units)
+    mapping = with_names(mapping, whole, joint_kinds(mechanism.tree))
+    mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
+    clock, streams = mapping.columns[TIME], dict[str, Sampled]()
+    for table in tables:
+        part = _part(mapping, table)
+        if part.columns.keys() == {TIME}:
             continue
-        recording = _without_incomplete(_recording(repaired, mapping), mechanism.tree.joints, told)
-        recording = with_servos(recording, mapping.servos, mechanism, told)
-        recording = placed(recording, mechanism, mapping.plates, told)
-        unused = [name for table in tables for name in table.cells if name not in mapping.used]
-        if first:
-            notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
-            hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
-            check_angles(recording, mapping, hinges)
-            check_rates(recording, hinges)
-            notes += unit_of_force(recording, mapping, mechanism)
-        origins = ChainMap(*(annotations(table.metadata).get("provenance", {}) for table in reversed(tables)))
-        yield replace(recording, notes=notes, unused=unused, provenance=dict(origins))
-    if clock is None:
-        check_samples(0)
+        own = mapping.selection.of(replace(table, sums=mapping.sums), clock)
+        notes += own.notes
+        channels = read_channels(own, part, notes, gaps=gaps is not False)
+        streams |= streams_of(own, clock, channels, notes, gaps=gaps)
+    if not streams:
+        raise LogError(
+            "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
+            f"{listed([name for name in cells if name != TIME])}."
+        )
+    return _recorded(together(streams), tables, mechanism, mapping, notes)
 
 
-def _selected(pieces: Iterable[Table], mapping: ColumnMapping, mechanism: Mechanism, samples: int) -> Iterator[Table]:
-    """Pieces of the selected samples of one table, which with a selection comes whole."""
-    for table in counted(pieces, mapping.columns.get("time"), overlap=1):
-        cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
-        table = replace(table, cells=cells, sums=mapping.sums)
-        if mapping.selection:
-            clock = with_names(mapping, table, joint_kinds(mechanism.tree)).columns["time"]
-            yield from in_pieces(selected(table, mapping.selection, clock), samples, 1)
-        else:
-            yield table
+def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
+    """The part of a mapping that concerns one table.
+
+    Raises:
+        LogError: A quantity has columns of this table and of another one.
+    """
+    columns: dict[str, Columns] = {}
+    for key, used in mapping.columns.items():
+        if not (here := [name for name in used.read if name in table.cells]):
+            continue
+        if len(here) < len(used.read):
+            other = next(name for name in used.read if name not in table.cells)
+            raise LogError(f"{key} needs columns of the same times, '{here[0]}' and '{other}' have times of their own.")
+        columns[key] = used
+    if columns.keys() > {TIME}:
+        # Constants are of no table, and have the times of any.
+        columns |= {key: used for key, used in mapping.columns.items() if used.names and not used.read}
+    plates = {name: plate for name, plate in mapping.plates.items() if f"wrenches.{name}.force" in columns}
+    for name in plates:
+        for key in (key for key in mapping.columns if key.startswith(f"wrenches.{name}.")):
+            if key not in columns and mapping.columns[key].read:
+                raise LogError(
+                    f"[wrenches.{name}] needs columns of the same times, its {key.rpartition('.')[2]} has its own."
+                )
+            columns.setdefault(key, mapping.columns[key])
+    return replace(mapping, columns=columns, plates=plates)
+
+
+def _recorded(
+    repaired: Repaired, tables: Sequence[Table], mechanism: Mechanism, mapping: ColumnMapping, notes: list[str]
+) -> Recording:
+    """Recording of the channels of some tables by their complete mapping, checked against the mechanism."""
+    recording = _without_incomplete(_channels(repaired, mapping), mechanism.tree.joints, notes)
+    recording = with_servos(recording, mapping.servos, mechanism, notes)
+    recording = placed(recording, mechanism, mapping.plates, notes)
+    kinds = joint_kinds(mechanism.tree)
+    unused = [name for table in tables for name in table.cells if name not in mapping.used]
+    notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
+    hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
+    check_angles(recording, mapping, hinges)
+    check_rates(recording, hinges)
+    notes += unit_of_force(recording, mapping, mechanism)
+    origins = ChainMap(*(annotations(table.metadata).get("provenance", {}) for table in reversed(tables)))
+    return replace(recording, notes=notes, unused=unused, provenance=dict(origins))
 
 
 def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
@@ -228,7 +277,7 @@ def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism)
     return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
 
 
-def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
+def _channels(repaired: Repaired, mapping: ColumnMapping) -> Recording:
     """Recording with the channels under its own names, without joint channels that are missing."""
     measured, streams, units = dict[str, np.ndarray](), dict[str, Sampled](), dict[str, str]()
     for key, x in repaired.channels.items():

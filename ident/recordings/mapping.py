@@ -3,33 +3,35 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import numpy as np
+
+from ident.annotations import Needs
 from ident.arguments import OF_BODIES, by_joint, checked_deviations, checked_rpy
 from ident.errors import LogError, about
-from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
-from ident.files.limits import check_keys, choice, pose, table, toml, value_of
-from ident.files.table import short
+from ident.files.limits import check_keys, choice, made, pose, table, toml, value_of
+from ident.files.table import BALL, COUNT, EPOCH, KINDS, Columns, Sum, Table, short
 from ident.mechanism.body import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings import plates
-from ident.recordings.entries import (
-    Selection,
-    clock_of_rate,
-    clocks,
+from ident.recordings.plates import LOADS, Plate, external_loads
+from ident.recordings.stated import (
+    GAINS,
+    SCALES,
+    Servo,
+    Tracker,
     factor_of,
     joints_of_motors,
-    layouts,
+    scale_of,
     segments_of,
-    selection,
+    servo_of,
     several,
     single,
 )
-from ident.recordings.plates import LOADS, Plate, external_loads
-from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of
-from ident.recordings.wrench import GROUND, Sensor
+from ident.recordings.wrench import Sensor
 from ident.setup import ANGLE, LARGEST, SETUP
 
 DEVIATIONS = {
@@ -50,6 +52,60 @@ STATED = (
     *("scales", "couplings", "followers", "trackers"),
 )
 """Fields of a mapping that are those of its recordings, beside sensors and servos."""
+
+
+Span = Annotated[tuple[float, float], Needs("two numbers, the first before the last", lambda x: x[0] < x[1])]
+"""First and last, both included."""
+
+Rate = Annotated[float, Needs("a number of samples per second, in Hz", lambda x: x >= 1e-3)]
+"""Rate of a log without times; a slower one is a unit that is wrong."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Spans of rows and of times; without any, everything is selected.
+
+    Attributes:
+        rows: Spans of rows, numbered as in messages.
+        time: Spans of times, s.
+    """
+
+    rows: tuple[Span, ...] = ()
+    time: tuple[Span, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.rows or self.time)
+
+    def of(self, table: Table, clock: Columns) -> Table:
+        """The samples of a table in one of the selected spans of rows, and in one of those of times.
+
+        Args:
+            table: The table.
+            clock: Its column of times; spans are of times counted from the first one if that is beyond `EPOCH`.
+
+        Raises:
+            LogError: There is none.
+        """
+        if self.rows:
+            numbers = np.asarray(table.rows)
+            there = f"{table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+            table = _inside(table, "rows", numbers, self.rows, f"the {table.origin} has {there}")
+        if self.time and len(table.rows):
+            (name,) = clock.names
+            seconds = table.column(name) * clock.factor
+            seconds -= seconds[0] if abs(seconds[0]) > EPOCH else 0.0
+            there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
+            table = _inside(table, "times", seconds, self.time, there)
+        return table
+
+
+def _inside(table: Table, what: str, x: np.ndarray, spans: Sequence[Span], there: str) -> Table:
+    """The samples of a table where numbers (N,) are in one of some spans."""
+    kept = np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
+    if not kept.any():
+        asked = ", ".join(f"{first:g} to {last:g}" for first, last in spans)
+        raise LogError(f"[select] needs {what} that the {table.origin} has, got {asked}; {there}.")
+    return table.where(kept)
 
 
 @dataclass
@@ -103,12 +159,6 @@ class ColumnMapping:
     def used(self) -> set[str]:
         """Names of all columns that are mapped."""
         return {name for columns in self.columns.values() for name in columns.read}
-
-    @property
-    def without_files(self) -> "ColumnMapping":
-        """The mapping without columns of times and layouts, once the files have been read."""
-        columns = {key: used for key, used in self.columns.items() if key != "time"}
-        return replace(self, columns=columns, clocks=(), layouts=(Layout(),))
 
     @property
     def sums(self) -> dict[str, Sum]:
@@ -180,10 +230,10 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
                 raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
             mapping.columns[key] = columns
     for name, entry in table("wrenches", entries.get("wrenches", {})).items():
-        mapping.columns |= _wrench_columns(f"wrenches.{name}", table(f"wrenches.{name}", entry))
+        mapping.columns |= plates.columns_of(f"wrenches.{name}", table(f"wrenches.{name}", entry))
         if plate := plates.plate(name, entry, bodies):
             mapping.plates[name] = plate
-        mapping.sensors[name] = _sensor(name, entry, bodies, plate)
+        mapping.sensors[name] = plates.sensor(name, entry, bodies, plate)
     for name, entry in table("tracked", entries.get("tracked", {})).items():
         mapping.trackers[name], own = _tracked(name, table(f"tracked.{name}", entry))
         mapping.columns |= own
@@ -202,12 +252,59 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     return _without_still(mapping, tree.still)
 
 
-def check_text_alone(mapping: ColumnMapping) -> None:
-    """Refuses selected rows and layouts of text, for files with several tables that are no text."""
-    if any(layout != Layout() for layout in mapping.layouts):
-        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
-    if mapping.selection.rows:
-        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
+def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
+    """Layouts of text files: one for all from `[file]`, or one for each file from `[[file]]`.
+
+    Raises:
+        LogError: An entry is malformed; likewise for all functions here.
+    """
+    entry = entries.get("file", {})
+    if not isinstance(entry, list):
+        return (made(Layout, "file", entry),)
+    return tuple(made(Layout, f"file {k}", each) for k, each in enumerate(entry, start=1)) or (Layout(),)
+
+
+def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
+    """Columns of times: one for all files, or one for each; empty if the mapping has none."""
+    if "rate" in entries:
+        if "time" in entries:
+            raise LogError("the mapping has time and rate; rate is for a log without times, keep one of them.")
+        return (clock_of_rate("rate", entries["rate"]),)
+    entry = entries.get("time", [])
+    if not isinstance(entry, list):
+        return (_clock("time", entry),)
+    if "time" in entries and not entry:
+        raise LogError("time needs the column of times of each file, got an empty list.")
+    return tuple(_clock(f"time {k}", each) for k, each in enumerate(entry, start=1))
+
+
+def _clock(where: str, entry: Any) -> Columns:
+    """A column of times, or of sample counts for `{ rate = HZ }`."""
+    if isinstance(entry, dict) and "rate" in entry:
+        check_keys(where, entry, ("rate",))
+        return clock_of_rate(f"{where}.rate", entry["rate"])
+    return single(where, entry, "time")
+
+
+def selection(entries: Mapping[str, Any]) -> Any:
+    """Rows and times that are selected."""
+    entry = table("select", entries.get("select", {}))
+    # One span `[FIRST, LAST]`, or a list of them.
+    several = {key: isinstance(x, list) and all(isinstance(each, list) for each in x) for key, x in entry.items()}
+    return made(Selection, "select", {key: x if several[key] else [x] for key, x in entry.items()})
+
+
+def clock_of_rate(where: str, rate: Any) -> Columns:
+    """The column of times of a file that has a rate instead.
+
+    Args:
+        where: Entry of the mapping, for the message.
+        rate: Samples per second, Hz.
+
+    Raises:
+        LogError: The rate is no number or out of range.
+    """
+    return Columns((COUNT,), 1 / value_of(where, rate, Rate), "s")
 
 
 def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
@@ -256,24 +353,6 @@ def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str,
     return known, {name: _deviations(f"known.{name}", {f"known.{name}": each}, KNOWN) for name, each in own.items()}
 
 
-def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
-    keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
-    check_keys(f"[{where}]", entry, (*keys, *plates.KEYS))
-    columns = {
-        key: several(key, entry.get(kind, ["", "", ""]), 3, *factor_of(where, entry, unit, kind), gaps=True)
-        for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
-    }
-    if "point" in entry:
-        length, point = factor_of(where, entry, "point_unit", "length"), plates.columns_of_point(where, entry)
-        columns[f"{where}.point"] = several(f"{where}.point", point, 3, *length, gaps=True)
-    if "free_moment" in entry:
-        moment, key = factor_of(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
-        columns[key] = several(key, entry["free_moment"], 3, *moment, gaps=True)
-    if not any(name for several in columns.values() for name in several.names):
-        raise LogError(f"[{where}] needs at least one column under force or torque.")
-    return columns
-
-
 def _tracked(name: str, entry: Mapping[str, Any]) -> tuple[Tracker, dict[str, Columns]]:
     """Tracked body with the frames that are stated, and its columns of position and orientation."""
     where, length = f"tracked.{name}", factor_of(f"tracked.{name}", entry, "unit", "length")
@@ -289,13 +368,3 @@ def _tracked(name: str, entry: Mapping[str, Any]) -> tuple[Tracker, dict[str, Co
     }
     frames = {key: pose(f"{where}.{key}", table(f"{where}.{key}", entry[key])) for key in FRAMES if key in entry}
     return Tracker(value_of(f"{where}.body", entry.get("body", name), str), **frames), columns
-
-
-def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:
-    where, body = f"wrenches.{name}", entry.get("body")
-    if name == GROUND and body is not None:
-        raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
-    if name != GROUND and plate is None and body not in bodies:
-        raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
-    applied = value_of(f"{where}.applied_to_link", entry.get("applied_to_link", True), bool)
-    return Sensor(body, pose(where, entry), applied) if plate is None else plate.sensor(applied)

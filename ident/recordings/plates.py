@@ -12,8 +12,9 @@ from ident.annotations import NotNegative
 from ident.arguments import is_number
 from ident.errors import LogError, about
 from ident.files import limits
-from ident.files.table import short
+from ident.files.table import Columns, short
 from ident.geometry.se3 import pose as pose_of
+from ident.recordings.stated import factor_of, several
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -95,7 +96,7 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     return Plate(pose, on, low, point, str(expected))
 
 
-def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
+def _columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
     """Names of the columns of the point of application, "" for coordinates that are numbers."""
     point = entry["point"]
     known = isinstance(point, list) and all(
@@ -164,7 +165,7 @@ def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
         names = entry.get(kind)
         if isinstance(names, list) and not least(names):
             raise LogError(f"{where}.{kind} needs columns beside a point of application, got {short(names)}.")
-    columns_of_point(where, entry)
+    _columns_of_point(where, entry)
     return np.array([np.nan if isinstance(x, str) else x for x in entry["point"]], float)
 
 
@@ -191,6 +192,36 @@ def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
     T = pose_of_corners(f"{where}.corners", np.array([limits.vector(f"{where}.corners", x, 3) for x in corners]))
     T[:3, 3] += T[:3, :3] @ limits.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
     return T
+
+
+def columns_of(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
+    """Columns of a wrench's entry, by the keys of a mapping."""
+    keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
+    limits.check_keys(f"[{where}]", entry, (*keys, *KEYS))
+    columns = {
+        key: several(key, entry.get(kind, ["", "", ""]), 3, *factor_of(where, entry, unit, kind), gaps=True)
+        for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
+    }
+    if "point" in entry:
+        length, point = factor_of(where, entry, "point_unit", "length"), _columns_of_point(where, entry)
+        columns[f"{where}.point"] = several(f"{where}.point", point, 3, *length, gaps=True)
+    if "free_moment" in entry:
+        moment, key = factor_of(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
+        columns[key] = several(key, entry["free_moment"], 3, *moment, gaps=True)
+    if not any(name for several in columns.values() for name in several.names):
+        raise LogError(f"[{where}] needs at least one column under force or torque.")
+    return columns
+
+
+def sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:
+    """Sensor of a wrench's entry, of a plate or on a body that it moves with."""
+    where, body = f"wrenches.{name}", entry.get("body")
+    if name == GROUND and body is not None:
+        raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
+    if name != GROUND and plate is None and body not in bodies:
+        raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
+    applied = limits.value_of(f"{where}.applied_to_link", entry.get("applied_to_link", True), bool)
+    return Sensor(body, limits.pose(where, entry), applied) if plate is None else plate.sensor(applied)
 
 
 QUANTITIES = {"force": "force_identifier", "point": "point_identifier", "free_moment": "torque_identifier"}

@@ -22,7 +22,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import times
-from ident.recordings.smoothing import low_pass
+from ident.recordings.smoothing import longest_step, low_pass
 from ident.recordings.stated import Servo, Tracker, load, save
 from ident.recordings.times import STREAMS, Sampled, interpolated, interpolated_poses, uniform_times
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
@@ -203,6 +203,17 @@ class Recording(Brief):
             return Sampled(self.time, self.base.reshape(-1, 16))
         return Sampled(self.time, self[channel])
 
+    def covered(self, channels: Iterable[str]) -> np.ndarray:
+        """Mask of the common times that lie in no gap of any of the channels (N,)."""
+        inside = np.ones(len(self.time), bool)
+        for name in (name for name in channels if name in self.streams):
+            stream = self.streams[name]
+            there = np.isfinite(stream.columns)
+            measured = Sampled(stream.time, stream.columns[:, there.any(axis=0)])
+            if measured.values.size:
+                inside &= times.between_samples(measured, self.time, longest_step(measured))
+        return inside
+
     @typed()
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
         """The recording with sensors added or replaced, by the names of their wrenches."""
@@ -368,12 +379,12 @@ class Recording(Brief):
 
     @classmethod
     def chunks(cls, path: str | Path, samples: int = 10_000, *, limit: int = LIMIT) -> Iterator["Recording"]:
-        """Reads a file like `load`, but piece by piece, for files larger than memory.
+        """Reads a file like `load`, but piece by piece, for text larger than memory; an archive is read whole.
 
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
             samples: Samples of each piece; the last one may have fewer.
-            limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
+            limit: Bytes that an archive may take in memory, as for `limits.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording, as for `load`; raised when the faulty piece is read.

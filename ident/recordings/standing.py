@@ -10,9 +10,9 @@ from ident.errors import LogError
 from ident.files.table import Table
 from ident.geometry.se3 import inverse
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.faults import runs
 from ident.recordings.plates import THRESHOLD, Plate
 from ident.recordings.recording import Recording
+from ident.recordings.smoothing import runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
 

@@ -12,11 +12,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
-from ident.files.column import Columns
-from ident.files.table import BASE, Table
+from ident.files.table import BASE, EPOCH, TIME, Columns, Table
 from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
-from ident.recordings.entries import EPOCH
 from ident.recordings.stated import untracked
 
 GAP = 1.5
@@ -196,9 +194,6 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
     return Sampled(time, np.hstack(values))
 
 
-TIME = "time"
-"""Column of the times of a table that has its own, s."""
-
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
 
@@ -219,7 +214,7 @@ LATEST = 1e12
 
 
 class Repaired(NamedTuple):
-    """A piece of a log at uniform times.
+    """A log at uniform times.
 
     Attributes:
         time: Sample times, s (N,).
@@ -234,44 +229,40 @@ class Repaired(NamedTuple):
 
 @dataclass
 class Clock:
-    """The times of a log, which is read in pieces that overlap by one sample.
+    """The times of a log.
 
     Attributes:
         column: Its column of times.
         gaps: True if samples may be missing.
-        zero: Value of the column at the first sample; None before the first piece.
-        start: Time of that sample in the recording, s.
-        step: Median step of the first piece, s.
+        start: Time of the first sample in the recording, s.
+        step: Median step, s.
     """
 
     column: Columns
     gaps: bool = False
-    zero: float | None = None
     start: float = 0.0
     step: float = 0.0
 
     def repaired(self, table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> Repaired:
-        """The new samples of a piece, at uniform times.
+        """The samples of a log at uniform times.
 
         Args:
-            table: The next piece of the file.
+            table: The file.
             channels: Channels at its times, by name (N, k).
             notes: Sentences on what was repaired; more are appended.
 
         Raises:
-            LogError: The times have a gap where samples may not be missing, go back, or repeat one with other values.
+            LogError: The times go back, or have a gap or repeat one with other values where samples may not be missing.
         """
         (name,) = self.column.names
         raw = table.column(name, LATEST / self.column.factor)
         if np.isnan(raw).any():
             raise LogError(f"column '{name}' is empty, but a log needs times.")
-        read_before = 0 if self.zero is None else 1
-        zero = float(raw[0]) if self.zero is None else self.zero
+        zero = float(raw[0])
         time = (raw - zero) * self.column.factor
-        kept = increasing(table, name, time, channels, notes)
+        kept = increasing(table, name, time, channels, notes, gaps=self.gaps)
         time, channels = time[kept], {key: x[kept] for key, x in channels.items()}
-        if self.zero is None:
-            self._begin(zero, time, notes)
+        self._begin(zero, time, notes)
         self._check_gaps(table, time, kept, notes)
         check_jumps(f"column '{name}'", time, self.step)
         grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
@@ -282,8 +273,8 @@ class Clock:
         streams = {key: Sampled(own, x) for key, x in channels.items() if not uniform or _has_gaps(x)}
         grid = _covered(grid, untracked(streams))
         channels = {key: interpolated(Sampled(own, x), grid) for key, x in channels.items()} if streams else channels
-        streams = {key: Sampled(self.start + own[read_before:], x.values[read_before:]) for key, x in streams.items()}
-        return Repaired(self.start + grid[read_before:], {k: x[read_before:] for k, x in channels.items()}, streams)
+        streams = {key: Sampled(self.start + own, x.values) for key, x in streams.items()}
+        return Repaired(self.start + grid, channels, streams)
 
     def _check_gaps(self, table: Table, time: np.ndarray, kept: np.ndarray, notes: list[str]) -> None:
         """Refuses gaps, or notes them if samples may be missing."""
@@ -325,10 +316,10 @@ class Clock:
         ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
-        """Sets start and step from the first piece."""
+        """Sets start and step."""
         (name,) = self.column.names
         check_samples(len(time), " at different times")
-        self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
+        self.start, self.step = zero * self.column.factor, float(np.median(np.diff(time)))
         if abs(self.start) > EPOCH:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
             self.start = 0.0
@@ -365,23 +356,27 @@ def check_jumps(what: str, time: np.ndarray, step: float) -> None:
 
 
 def increasing(
-    table: Table, name: str, time: np.ndarray, channels: dict[str, np.ndarray], notes: list[str]
+    table: Table, name: str, time: np.ndarray, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool
 ) -> np.ndarray:
-    """Indices of the samples, without those that repeat the one before."""
+    """Indices of the samples, without those that repeat the one before; with gaps, without all that repeat its time."""
     steps = np.diff(time)
     if (steps < 0).any():
         i = int((steps < 0).argmax()) + 1
         raise LogError(f"{table.row(i)}, column '{name}' goes back in time by {-steps[i - 1]:g} s; sort the log.")
     repeated = np.append(False, steps == 0)
-    for i in map(int, np.flatnonzero(repeated)):
-        if not all(np.array_equal(x[i], x[i - 1], equal_nan=True) for x in channels.values()):
-            raise LogError(
-                f"{table.row(i)}, column '{name}' repeats the time of the sample before, but not its values; "
-                "which of them holds is not known."
-            )
+    same = [
+        all(np.array_equal(x[i], x[i - 1], equal_nan=True) for x in channels.values()) for i in np.flatnonzero(repeated)
+    ]
+    if not all(same) and not gaps:
+        i = int(np.flatnonzero(repeated)[same.index(False)])
+        raise LogError(
+            f"{table.row(i)}, column '{name}' repeats the time of the sample before, but not its values; which of them "
+            "holds is not known. Where samples may be missing (--gaps, gaps=True in Python), the first counts."
+        )
     if repeated.any():
         first = table.row(int(repeated.argmax()))
-        notes.append(f"Samples that repeat the one before were dropped: {int(repeated.sum())}, the first is {first}.")
+        what = "Samples that repeat the one before" if all(same) else "Samples at the time of the one before"
+        notes.append(f"{what} were dropped: {int(repeated.sum())}, the first is {first}.")
     return np.flatnonzero(~repeated)
 
 
@@ -410,7 +405,7 @@ def streams_of(
         repaired = Clock(clock, gaps).repaired(table, channels, notes)
         return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
     time = table.column(TIME)
-    kept = increasing(table, TIME, time, channels, notes)
+    kept = increasing(table, TIME, time, channels, notes, gaps=True)
     if len(kept) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
     return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}

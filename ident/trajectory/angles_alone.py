@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import linalg, sparse
 
-from ident.recordings.faults import GROSS, longest_step, running_median
+from ident.recordings.smoothing import GROSS, longest_step, running_median
 from ident.recordings.times import Sampled
 from ident.tolerances import NORMAL_MAD
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline

@@ -11,10 +11,9 @@ import numpy as np
 
 from ident.annotations import Needs, Point, Positive, one_of
 from ident.errors import InputError, ModelError, about
-from ident.files.column import UNITS
 from ident.files.limits import made, toml
 from ident.files.markers import Markers
-from ident.files.table import listed, short
+from ident.files.table import UNITS, listed, short
 from ident.mechanism.body import BASE, Body, Follower
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled

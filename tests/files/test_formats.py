@@ -13,7 +13,6 @@ from written_formats import DEG, write_bag, write_c3d, write_mat, write_mot, wri
 from ident import read_log
 from ident.files.markers import trc_markers
 from ident.files.readers import read_clocks, read_markers, read_tables
-from ident.recordings.log import read_log_pieces
 
 pytestmark = pytest.mark.extras
 
@@ -40,7 +39,7 @@ def test_a_motion_file_knows_its_degrees(tmp_path, degrees):
         write_mot(tmp_path / name, {name: scale[name] * x for name, x in COLUMNS.items()}, degrees)
         log = same_as_csv(tmp_path / name)
         assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
-        pieces = [piece.time for piece in read_log_pieces(tmp_path / name, LEG, None, 13)]
+        pieces = [piece.column("time") for piece in read_tables(tmp_path / name, 13)]
         np.testing.assert_allclose(np.concatenate(pieces), T, atol=1e-12)
 
 

@@ -12,7 +12,7 @@ from driven_arm import jointly, quick
 import ident
 import sim
 from ident import InputError
-from ident.files.objects import load_object
+from ident.files.atomic import load_object
 
 
 @pytest.mark.parametrize("make", [quick, jointly])
@@ -57,8 +57,8 @@ def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
     for entry, message in (
         (["data", name, {**own, "more": 0}], "Fit has other fields in this version"),
         (["data", "os:system", own], "it holds 'os:system'"),
-        (["data", "ident.files.objects:json", own], "it holds 'ident.files.objects:json'"),
-        (["data", "ident.files.objects:_class", own], "it holds 'ident.files.objects:_class'"),
+        (["data", "ident.files.atomic:json", own], "it holds 'ident.files.atomic:json'"),
+        (["data", "ident.files.atomic:_class", own], "it holds 'ident.files.atomic:_class'"),
         (["enum", "subprocess:Popen", "x"], "it holds 'subprocess:Popen'"),
         (["tuple", [at]], "recursion"),
         (["array", "none"], "none"),

@@ -17,8 +17,8 @@ from experiments import identify
 from experiments.runs.workers import Checkpoint
 from ident import Body, Estimate, InputError, LogError, Mechanism, Recording, Tree, read_log
 from ident.files import csv_file
-from ident.files.arrays import size_of
 from ident.files.bag import largest_chunk
+from ident.files.parquet import size_of
 from ident.files.readers import read_clocks, read_tables
 
 
@@ -92,7 +92,7 @@ def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
         data = parquet.ParquetFile(stream).metadata
         assert data.row_group(0).column(0).num_values == (n if true else 10)
         assert min(size_of(stream, data, ["x.y"]), size_of(stream, data, ["x"])) >= 8 * n
-        assert size_of(stream, data, ["y"]) == size_of(stream, data, ["x.y"], []) == 0
+        assert size_of(stream, data, ["y"]) == 0
     if kind != "list":
         sentence, most = peak(path)
         assert "takes 24 MB in memory where at most 2 MB" in sentence and most < 1_000_000
@@ -137,9 +137,7 @@ EVIL = [
     (with_header(HEADER % "(-40,)"), ""),
     (with_header(FLOATS.replace("<f8", "<q9")), ""),
     (with_header(FLOATS + " " * 20_000), ""),
-    (X.replace(b"NUMPY\x01", b"NUMPY\x03"), "header of version 1 or 2, it has version 3"),
-    (X[:-8], r"array of \(40,\) float64 has another size than its 312 bytes"),
-    (X + b"more", r"array of \(40,\) float64 has another size than its 324 bytes"),
+    (X[:-8], "reading array data, expected 320 bytes"),
     (X[:40], "reading array header"),
     (npy(np.array([{}] * 40, object)), "needs real numbers in one or two dimensions, it holds object"),
     (npy(np.ones(40, complex)), "holds complex128"),
@@ -168,18 +166,16 @@ ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
 READERS = {
     "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
     "recording": Recording.load,
-    "pieces": lambda path: next(Recording.chunks(path, 7)),
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
     "estimate": Estimate.load,
 }
-OURS = ("recording", "pieces")
 
 
 @pytest.mark.parametrize("reader", READERS)
 def test_whatever_is_wrong_with_a_member_is_one_sentence(tmp_path, reader):
     for content, message, *compression in EVIL:
         path = archive(tmp_path / "evil.npz", content, *compression)
-        named = rf": member 'measured/elbow_position' cannot be read \(.*({message})" if reader in OURS else ""
+        named = rf": member 'measured/elbow_position' cannot be read \(.*({message})" if reader == "recording" else ""
         with pytest.raises(InputError, match=rf"evil\.npz{named}") as raised:
             READERS[reader](path)
         assert "\n" not in str(raised.value) and len(str(raised.value)) < 500, content[:200]

@@ -16,7 +16,7 @@ import experiments
 from experiments.guesses.belief import DOUBTFUL, toml_text
 from experiments.guesses.guess import believed
 from ident import joint_torque_regressor
-from ident.files.column import CURRENT
+from ident.files.table import CURRENT
 from ident.recordings.mapping import read_mapping
 from ident.recordings.plates import AUTO
 

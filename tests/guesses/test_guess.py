@@ -13,7 +13,7 @@ import ident
 import sim
 from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
-from experiments.guesses.words import words
+from experiments.guesses.words import words, wrench_groups
 from ident import Body, Mechanism, Tree
 from ident.mechanism.body import ball_twist
 from ident.recordings.mapping import read_mapping
@@ -171,3 +171,21 @@ def test_poses_of_a_base_are_found_by_their_names(tmp_path):
 def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
     meaning = words(name)
     assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
+
+
+PLATE = [f"1_ground_force_v{axis}" for axis in "xyz"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "force", "torque"),
+    [
+        (["Fx", "Fy", "Fz", "Mx", "My", "Mz", "remark"], ["Fx", "Fy", "Fz"], ["Mx", "My", "Mz"]),
+        ([*PLATE, "1_ground_force_px", "1_ground_torque_y"], PLATE, ["", "1_ground_torque_y", ""]),
+        (["COPx", "Fz2", "Mx2"], ["", "", "Fz2"], ["Mx2", "", ""]),
+        (["grf z"], ["", "", "grf z"], ["", "", ""]),
+    ],
+)
+def test_names_of_components_of_a_wrench(columns, force, torque):
+    best = max(wrench_groups(columns).values(), key=len)
+    assert [best.get(("force", axis), "") for axis in "xyz"] == force
+    assert [best.get(("torque", axis), "") for axis in "xyz"] == torque

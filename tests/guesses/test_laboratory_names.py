@@ -171,6 +171,15 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
     assert "multicontact payload" not in capsys.readouterr().out
 
 
+def test_a_time_that_is_repeated_with_other_values_takes_gaps(tmp_path):
+    twice = [np.insert(x, 20, x[25], axis=0)[:500] for x in (Q, TAU)]
+    columns = {"time": np.insert(TIME, 20, TIME[19])[:500]} | columns_of("{n}_position", twice[0])
+    path = tmp_path / "log.csv"
+    path.write_text(text(columns | columns_of("{n}_torque", twice[1])), encoding="utf-8")
+    belief = believed(ARM, [path])
+    assert belief.log.has_gaps and not any("could not be checked" in note for note in belief.notes)
+
+
 def test_markers_lead_to_the_angles(tmp_path, capsys):
     sites = "".join(f'<site name="M{k}" pos=".{k} 0 .0{k}"/>' for k in range(1, 5))
     (tmp_path / "arm.xml").write_text(MODEL.replace("</body>", sites + "</body>", 1))

@@ -11,7 +11,6 @@ import ident
 from ident import LogError, read_log
 from ident.geometry import se3
 from ident.geometry.se3 import pose
-from ident.recordings.log import read_log_pieces
 from ident.recordings.times import Sampled, interpolated_poses, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
@@ -152,8 +151,6 @@ def test_files_that_cannot_be_put_together(tmp_path):
         (joints, {"time": ["time", "time"]}, "describes 2 files (time), but this log has 1"),
     ):
         assert sentence in sentence_of(read_log, name, arm(), columns)
-    with pytest.raises(LogError, match="is not read in pieces"):
-        list(read_log_pieces(pair(tmp_path), arm(), samples=100))
 
 
 def test_poses_between_samples_turn_at_a_constant_rate_and_stay_at_the_ends():

@@ -9,10 +9,9 @@ from malformed_logs import LEG, PLAIN, N, Q, T, read, text
 from scipy import constants
 
 from ident import LogError, read_log
-from ident.files.column import UNITS
-from ident.recordings.entries import couplings
-from ident.recordings.faults import unwrapped
-from ident.recordings.log import read_log_pieces
+from ident.files.table import UNITS
+from ident.recordings.channels import unwrapped
+from ident.recordings.stated import couplings
 
 
 def test_gain_constant_and_unit(tmp_path):
@@ -71,12 +70,6 @@ def test_selected_rows_and_times_and_a_wrong_stamp_among_them(tmp_path):
     assert len(read(tmp_path, PLAIN, two, gaps=True).as_measured("hip_position").time) == 22
     with pytest.raises(LogError, match=r"has a gap of 0\.1 s, from 0\.1 s to 0\.2 s.* \(--gaps, gaps=True in Python\)"):
         read(tmp_path, PLAIN, two)
-    pieces = read_log_pieces(tmp_path / "log.csv", LEG, tmp_path / "columns.toml", 10)
-    with pytest.raises(LogError, match=r"has a gap of 0\.1 s"):
-        list(pieces)
-    (tmp_path / "columns.toml").write_text("[select]\ntime = [0.1, 0.3]")
-    pieces = list(read_log_pieces(tmp_path / "log.csv", LEG, tmp_path / "columns.toml", 10))
-    np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
 
 
 def test_packed_text_is_undamaged_and_unpacks_to_no_more_than_is_expected(tmp_path):

@@ -11,8 +11,10 @@ from written_formats import write_csv
 import ident
 import sim
 from experiments.studies.user_files import prepare
-from ident import LogError, read_log
+from ident import Body, LogError, Mechanism, Recording, Tree, read_log
 from ident.estimation.preparation import prepared
+from ident.recordings.followers import with_servos
+from ident.recordings.stated import Servo
 from sim import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
@@ -153,3 +155,13 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
 def test_what_cannot_be_shared_is_refused(more, message):
     with pytest.raises(LogError, match=message):
         read_shared(more)
+
+
+def test_commands_that_come_more_rarely_than_positions_are_noted():
+    t, notes = np.arange(100) / 100, []
+    leg = Mechanism(Tree((Body("leg", -1, np.eye(4), np.eye(6)[4], "hip"),)), np.array([0, 0, -9.81]))
+    for rare, number in ((t[::5], 1), (t, 0)):
+        recording = Recording.from_streams({"hip_position": (t, np.sin(t)), "hip_command": (rare, np.sin(rare))})
+        notes.clear()
+        with_servos(recording, {"hip": Servo(50.0)}, leg, notes)
+        assert len(notes) == number and all("'hip' come every 0.05 s, more rarely than" in note for note in notes)

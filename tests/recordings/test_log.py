@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from malformed_logs import DQ, JOINTS, LEG, PLAIN, WRENCH, N, Q, T, leg, read, retimed, text
+from malformed_logs import DQ, JOINTS, PLAIN, WRENCH, N, Q, T, leg, read, retimed, text
 from scipy.spatial.transform import Rotation
 
-from ident import LogError, read_log
-from ident.recordings.channels import suggested_mapping
-from ident.recordings.log import read_log_pieces
+from ident import LogError
+from ident.recordings.channels import unmapped
 
 OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
 
@@ -19,7 +18,7 @@ OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
         *(text(PLAIN, *layout) for layout in (";", ";,", "\t", "\t,")),
         text(PLAIN).rstrip(),
         "\ufeff" + text(PLAIN),
-        text(PLAIN).encode("utf-16"),
+        *(text(PLAIN).encode(encoding) for encoding in ("utf-16", "utf-16-le", "utf-16-be")),
         text(PLAIN).replace(",", " , "),
         text(PLAIN).replace("\n", ",\n"),
         text(PLAIN).replace("q_hip", '"q_hip"'),
@@ -108,33 +107,9 @@ def test_forces_far_below_the_weight_are_suspected(tmp_path):
     assert read(tmp_path, content, stated, mechanism=leg(600.0)).notes == []
 
 
-VECTOR = [f"1_ground_force_v{axis}" for axis in "xyz"]
-
-
-@pytest.mark.parametrize(
-    ("columns", "lines"),
-    [
-        (["Fx", "Fy", "Fz", "Mx", "My", "Mz", "remark"], ["Fx, Fy, Fz", "Mx, My, Mz"]),
-        ([*VECTOR, "1_ground_force_px", "1_ground_torque_y"], [", ".join(VECTOR), ", 1_ground_torque_y, "]),
-        (["grf z", "COPx", "Fz2", "Mx2"], [", , Fz2", "Mx2, , "]),
-        (["grf z"], [", , grf z", ", , "]),
-    ],
-)
-def test_what_looks_like_a_wrench_is_suggested(columns, lines):
-    sentence, *suggested = suggested_mapping(columns, JOINTS).split("\n")
-    force, torque = (", ".join(f'"{name}"' for name in line.split(", ")) for line in lines)
-    assert suggested == ["[wrenches.ground]", f"force = [{force}]", f"torque = [{torque}]"]
-    assert all(name in sentence for name in columns)
-
-
-def test_what_looks_like_a_torque_is_suggested():
-    for columns, lines in (
-        (["Hip Moment (Nm)", "emg"], ["[joints.hip]", 'torque = "Hip Moment (Nm)"']),
-        (["tau1", "tau2"], ["[joints.ankle]", 'torque = "tau1"', "[joints.hip]", 'torque = "tau2"']),
-        (["emg", "theta", "temperature_x"], []),
-        ([], []),
-    ):
-        assert suggested_mapping(columns, JOINTS).split("\n")[1:] == lines
+def test_columns_that_are_not_mapped_are_named():
+    assert "it has the columns emg, theta; none is mapped as a wrench" in unmapped(["emg", "theta"])
+    assert "it has no columns;" in unmapped([]) and "`multicontact columns MODEL LOG` writes" in unmapped([])
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -150,26 +125,3 @@ def test_the_largest_time_and_the_largest_number(tmp_path, sign):
         np.testing.assert_allclose(read(tmp_path, near, mapping).wrench("ground").values[0, 2], 0.9e8 * sign)
         with pytest.raises(LogError, match=r"row 2, column 'ground_fz' needs numbers below"):
             read(tmp_path, beyond, mapping)
-
-
-def joined(pieces):
-    channels = [{"time": p.time, "base": p.base, **p.measured} for p in pieces]
-    return {name: np.concatenate([c[name] for c in channels]) for name in channels[0]}
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-@pytest.mark.parametrize("samples", [10, 13, 39, 40, 100])
-def test_pieces_of_a_log_put_together_are_the_whole(tmp_path, suffix, samples):
-    """Also where rows are repeated."""
-    repeated = np.sort(np.r_[np.arange(N), 9, 10, 10, 12, 25])
-    columns = {name: x[repeated] for name, x in COLUMNS.items()}
-    (tmp_path / "log.csv").write_text(text(columns, ";", ","))
-    np.savez(tmp_path / "log.npz", **columns)
-    (tmp_path / "c.toml").write_text(MAPPING)
-    log = tmp_path / f"log.{suffix}", LEG, tmp_path / "c.toml"
-    whole, pieces = read_log(*log), list(read_log_pieces(*log, samples))
-    assert len(whole.time) == N and (len(pieces) > 1) == (samples < len(repeated))
-    for name, x in joined([whole]).items():
-        np.testing.assert_allclose(joined(pieces)[name], x, rtol=1e-12, atol=1e-12)
-    assert {piece.wrench("handle").body for piece in pieces} == {"torso"}
-    assert all((piece.units, piece.unused) == (whole.units, whole.unused) for piece in pieces)

@@ -12,8 +12,8 @@ import ident
 import sim
 from ident import Body, LogError, Mechanism, Recording, Tree, read_log
 from ident.geometry.se3 import pose
-from ident.recordings.entries import read_segments
 from ident.recordings.plates import external_loads
+from ident.recordings.stated import read_segments
 
 
 def placed(turns, position):

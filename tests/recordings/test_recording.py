@@ -211,9 +211,8 @@ def test_pieces_put_together_are_the_whole(tmp_path_factory, length, samples, su
     assert all((piece.units, piece.noise) == (original.units, original.noise) for piece in pieces)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_memory_does_not_grow_with_the_file(tmp_path, suffix):
-    peaks, path = [], tmp_path / f"r.{suffix}"
+def test_memory_does_not_grow_with_the_text(tmp_path):
+    peaks, path = [], tmp_path / "r.csv"
     for length in (500, 2_000, 6_000):
         random_recording(length).save(path)
         tracemalloc.start()

@@ -6,7 +6,6 @@ from commands import sentence_of
 from malformed_logs import DQ, LEG, PLAIN, N, Q, T, read, replaced, retimed, text
 
 from ident import LogError, read_log
-from ident.recordings.log import read_log_pieces
 
 COUNT = np.arange(N)
 SWEEPS = PLAIN | {"q_hip": np.rad2deg(Q[:, 1])}
@@ -110,22 +109,10 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path, content, mapping, message
     assert sentence.startswith(str(tmp_path)) and message in sentence
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ({"time": T + (T >= 0.2) * 0.02}, "row 22, column 'time' has a gap of 0.03 s, from 0.19 s to 0.22 s"),
-        ({"time": T - (T >= 0.2) * 0.02}, "row 22, column 'time' goes back in time by 0.01 s"),
-        ({"time": T - (T >= 0.2) * 0.01}, "row 22, column 'time' repeats the time of the sample before, but not its"),
-        ({"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)}, "row 22, column 'q_hip' is empty or NaN, as are 10 .*, 10 in"),
-        ({"ground_fz": np.where(T < 0.2, np.nan, 1)}, "row 22, column 'ground_fz' has the first number after empty"),
-    ],
-)
-def test_faults_between_the_pieces_of_a_log_are_found(tmp_path, columns, message):
-    (tmp_path / "log.csv").write_text(text(PLAIN | columns))
-    pieces = read_log_pieces(tmp_path / "log.csv", LEG, samples=10)
-    assert len(next(pieces).time) == len(next(pieces).time) == 10
-    with pytest.raises(LogError, match=message):
-        next(pieces)
+def test_of_samples_at_one_time_the_first_counts_where_some_may_be_missing(tmp_path):
+    log = read(tmp_path, {**PLAIN, "time": np.where(COUNT == 20, T[19], T)}, gaps=True)
+    assert "Samples at the time of the one before were dropped: 1, the first is row 22." in log.notes
+    assert len(log.as_measured("hip_position").time) == N - 1
 
 
 def test_files_that_are_no_logs(tmp_path):

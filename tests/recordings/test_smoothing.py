@@ -6,9 +6,21 @@ from scipy import ndimage, signal
 from slow_pendulum import rounded
 
 from ident import Recording
-from ident.recordings import faults
-from ident.recordings.faults import INTERPOLATED, covered, limits, longest_step, moves, running_median, runs, stretches
-from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, quantum, settling
+from ident.recordings import smoothing
+from ident.recordings.smoothing import (
+    INTERPOLATED,
+    chosen_cutoff,
+    differences,
+    limits,
+    longest_step,
+    low_pass,
+    moves,
+    quantum,
+    running_median,
+    runs,
+    settling,
+    stretches,
+)
 from ident.recordings.times import Sampled
 
 T = np.arange(1200) / 100
@@ -55,7 +67,7 @@ def test_runs_are_those_of_scipy(pattern):
 @pytest.mark.parametrize("width", [1, 2, 5, 11])
 def test_running_medians_are_those_of_scipy(rng, size, width, monkeypatch):
     """Of several blocks of windows, the last of which is shorter."""
-    monkeypatch.setattr(faults, "AT_ONCE", 7 * width)
+    monkeypatch.setattr(smoothing, "AT_ONCE", 7 * width)
     x = rng.normal(size=size)
     expected, some = ndimage.median_filter(x, width, mode="nearest"), np.flatnonzero(x > 0)
     np.testing.assert_array_equal(running_median(x, width), expected)
@@ -69,7 +81,7 @@ def test_a_slow_stream_has_no_gaps_between_its_samples():
     recording = Recording.from_streams(
         {"hip_position": (fast, np.sin(fast)), "ground_force": (slow, plate)}, rate=100.0
     )
-    assert covered(recording, ("ground_force",)).all()
+    assert recording.covered(("ground_force",)).all()
     assert longest_step(recording.streams["ground_force"]) == 0.25
     assert longest_step(Sampled(np.zeros(1), np.zeros(1))) == INTERPOLATED
 

@@ -17,7 +17,7 @@ from experiments.studies.user_files import Following, following
 from ident.errors import InputError, ModelError
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.faults import with_servos
+from ident.recordings.followers import with_servos
 from ident.setup import PRIORS
 from sim.models.notes import body_name
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids

@@ -15,7 +15,7 @@ import scenes
 import sim
 from docs.tools.noise_conditions import CONDITIONS, drives, truth
 from docs.tools.noise_recordings import SUBJECTS, noisy_recording, true_bodies
-from ident.recordings.faults import with_servos
+from ident.recordings.followers import with_servos
 from ident.tolerances import STRIBECK
 from ident.trajectory.reversals import _law
 
