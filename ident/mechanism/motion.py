@@ -11,8 +11,7 @@ from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.se3 import Ad, ad, applied, inverse
 from ident.mechanism.body import is_rigid
-from ident.mechanism.constraint import Constraint, members_of
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import Constraints, Row, members_of
 from ident.mechanism.tree import Tree
 
 Which = int | slice | np.ndarray
@@ -223,7 +222,7 @@ def divided(tree: Tree, name: str, constraints: Constraints) -> tuple[Carrier, T
     last = tree.names.index(name)
     chain, carried = {*tree.chain(last)}, tree.carried(last)
     rows = [row for row in constraints.rows if not members_of(tree, [row]) & {*carried} - {last}]
-    own = list[Constraint]()
+    own = list[Row]()
     for _ in rows:
         own = [row for row in rows if members_of(tree, [row]) & chain]
         chain = chain.union(*(tree.chain(i) for i in members_of(tree, own)))
