@@ -16,9 +16,8 @@ from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.axes import Axes, stated_values
-from ident.model.closed_form import BodyMotion
-from ident.model.inverse_dynamics import body_wrenches, inverse_dynamics
-from ident.model.regressor import drive_signals
+from ident.model.closed_form import BodyMotion, body_wrenches
+from ident.model.regressor import drive_signals, inverse_dynamics
 from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.tolerances import DRIVE, USUAL_DRIVE
 

@@ -26,10 +26,8 @@ from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
-from ident.model.adjoint import Value, gradient
-from ident.model.inverse_dynamics import joint_torques
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape, uncollected
+from ident.model.tape import Program, Signal, Tape, Value, gradient, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.setup import Shift
 from ident.tolerances import DRIVE
@@ -340,7 +338,7 @@ class Measurement:
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
             wrench = self._in_sensor(np.sum(felt, axis=0), base, at)
-            torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
+            torques = closed_form.joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
         own = read(loads.inertial_wrenches(equations, motions, theta, unseen), drives, theta)

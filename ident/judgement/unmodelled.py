@@ -23,7 +23,7 @@ from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
-from ident.model.inverse_dynamics import inverse_dynamics
+from ident.model.regressor import inverse_dynamics
 
 CLEARLY = 0.9
 """Residual with a hypothesis over that without, geometric mean over the channels, below which it is a doubt: at least

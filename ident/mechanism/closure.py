@@ -108,7 +108,7 @@ class Closure:
         return tuple(joint for joint in self.part.joints if joint not in self.dependent)
 
     @cached_property
-    def _coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the independent and of the dependent coordinates of the part."""
         return self._split("coordinates")
 
@@ -130,7 +130,7 @@ class Closure:
     def _scale(self) -> np.ndarray:
         """Factors that make the independent coordinates comparable: 1 for angles, one over the length for slides."""
         slides = [body.joint for body in self.part.bodies if not (body.is_ball or body.turns)]
-        own = self.part.owners("coordinates")[self._coordinates[0]]
+        own = self.part.owners("coordinates")[self.coordinates[0]]
         return np.where(np.isin(own, slides), 1 / self._length, 1.0)
 
     @property
@@ -144,7 +144,7 @@ class Closure:
         """True if the constraints are linear in the dependent coordinates."""
         rng = np.random.default_rng(0)
         q = np.tile(rng.normal(size=self.part.size), (2, 1))
-        q[1, self._coordinates[1]] += rng.normal(size=len(self.dependent))
+        q[1, self.coordinates[1]] += rng.normal(size=len(self.dependent))
         before, after = self.rows(q)[1]
         return np.allclose(before, after, 1e-12, 1e-12)
 
@@ -160,10 +160,10 @@ class Closure:
             Up to three arrays (…, d).
         """
         d = self._freedoms[1]
-        residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
+        residual, J, _ = self.rows(self._joined(self.coordinates, x, start))
         out = [start - _least_squares(J[..., d], residual[..., None])[..., 0]]
         if rates:
-            q = self._joined(self._coordinates, x, out[0])
+            q = self._joined(self.coordinates, x, out[0])
             G = self._slopes(q)
             out += [applied(G, rate) for rate in rates]
         if len(rates) > 1:
@@ -173,7 +173,7 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
-        return self._slopes(self._joined(self._coordinates, x, *self.completed(x, start)))
+        return self._slopes(self._joined(self.coordinates, x, *self.completed(x, start)))
 
     def _slopes(self, q: np.ndarray) -> np.ndarray:
         """Derivatives G (…, d, n) at coordinates of the part (…, n_q) with loops closed."""
@@ -188,15 +188,15 @@ class Closure:
         """
         if self.direct:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
-        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
-        return self._continued(flat)[0][:, self._coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self.coordinates[0]))
+        return self._continued(flat)[0][:, self.coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
 
     def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates of the part (N, n_q), and if watched, the smallest singular values on the way to them (N,).
 
         Those are zero beyond a posture in which a determinant changes its sign.
         """
-        own, d = self._coordinates[0], self._freedoms[1]
+        own, d = self.coordinates[0], self._freedoms[1]
         q, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
         start, before = q[:, own], self.rows(q)[1][..., d] if watched else None
         far = np.abs((x - start) * self._scale).max(initial=0)
@@ -252,7 +252,7 @@ class Closure:
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
-        own, kept = self._coordinates[0], [np.zeros((0, len(self._coordinates[0])))]
+        own, kept = self.coordinates[0], [np.zeros((0, len(self.coordinates[0])))]
         for reach in np.pi / 2.0 ** np.arange(8):
             start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
             x = start + rng.uniform(-reach, reach, start.shape) / self._scale
@@ -265,7 +265,7 @@ class Closure:
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
         # A column of zeros leaves something to compare where nothing is independent.
-        places = [np.pad(y * self._scale, ((0, 0), (0, 1))) for y in (self.anchors[:, self._coordinates[0]], x)]
+        places = [np.pad(y * self._scale, ((0, 0), (0, 1))) for y in (self.anchors[:, self.coordinates[0]], x)]
         distance, nearest = cKDTree(places[0]).query(places[1])
         return distance, nearest
 
@@ -276,7 +276,7 @@ class Closure:
             step = _least_squares(J[..., self._freedoms[1]], residual[..., None])[..., 0]
             size = np.abs(step).max(axis=-1, initial=0, keepdims=True)
             q = q.copy()
-            q[..., self._coordinates[1]] -= step / np.maximum(1, 2 * size)
+            q[..., self.coordinates[1]] -= step / np.maximum(1, 2 * size)
             if size.max(initial=0) < 1e-12:
                 break
         return q

@@ -63,27 +63,18 @@ class Tree:
                 )
 
     @classmethod
-    def from_home_poses(
-        cls, names: Sequence[str], T_0i: np.ndarray, xi: np.ndarray, parents: Sequence[int] | None = None
-    ) -> "Tree":
-        """Tree from a table like Table II.
+    def from_home_poses(cls, names: Sequence[str], T_0i: np.ndarray, xi: np.ndarray) -> "Tree":
+        """Serial chain from a table like Table II, with joints named like their bodies.
 
         Args:
             names: Names of the b bodies.
             T_0i: Home pose of each body in the base frame (b, 4, 4).
             xi: Joint twist of each body in the body's own frame, zeros for a welded one (b, 6).
-            parents: Index of each body's parent; by default a serial chain.
-
-        Returns:
-            The tree.
         """
-        T_0i = np.asarray(T_0i)
-        parents = range(BASE, len(names) - 1) if parents is None else parents
-        if any(not BASE <= p < i for i, p in enumerate(parents)):
-            raise ModelError(f"Parents come before their children, got {tuple(parents)}.")
-        home = [T if p == BASE else se3.inverse(T_0i[p]) @ T for p, T in zip(parents, T_0i, strict=True)]
-        rows = zip(names, parents, home, xi, strict=True)
-        return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
+        before = [np.eye(4, dtype=int), *map(se3.inverse, T_0i[:-1])]
+        homes = [inverse @ T for inverse, T in zip(before, T_0i, strict=True)]
+        rows = enumerate(zip(names, homes, xi, strict=True), start=BASE)
+        return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for p, (name, T, twist) in rows))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -379,10 +370,10 @@ class Tree:
     @cached_property
     def slopes_in_posture(self) -> np.ndarray:
         """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
-        at = self.closure.posture if self.closure else {}
-        moving = (self.bodies[i] for i in self.moving)
-        q = (at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)) for body in moving)
-        return self.slopes(np.concatenate([np.zeros(0), *q]))
+        q = np.zeros(self.size)
+        if self.closure:
+            q[self._of_loops[0]] = self.closure.anchors[0, self.closure.coordinates[0]]
+        return self.slopes(q)
 
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""

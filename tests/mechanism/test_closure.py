@@ -12,8 +12,7 @@ from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
 from ident.mechanism.motion import Motion
-from ident.model.adjoint import pulled_back
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor, pulled_back
 from ident.parameters.structure import Sensors
 from sim.models.notes import ModelNote
 

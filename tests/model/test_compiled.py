@@ -10,7 +10,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
-from ident.model import adjoint, compiled, regressor
+from ident.model import compiled, regressor, tape
 from ident.model.compiled import BLOCK, OTHERS
 from ident.model.tape import Program, Tape
 
@@ -75,7 +75,7 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
 
 def test_every_operation_of_the_tape_is_known():
     known = {np.negative, np.positive, np.add, np.subtract, np.multiply, *OTHERS}
-    assert set(adjoint._DERIVATIVES) | {np.positive} == known
+    assert set(tape._DERIVATIVES) | {np.positive} == known
 
 
 INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
