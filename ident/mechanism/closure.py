@@ -60,12 +60,8 @@ class Constraint(Protocol):
     def name(self) -> str:
         """Its name."""
 
-    @property
-    def lengths(self) -> int:
-        """Number of its residuals, the first ones, that are lengths."""
-
-    def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
-        """Its rows, in base axes."""
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
+        """Its rows, in base axes, distances over a length so that they count like angles."""
 
 
 def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> BodyKinematics:
@@ -132,12 +128,6 @@ class Closure:
         slides = [body.joint for body in self.part.bodies if not (body.is_ball or body.turns)]
         own = self.part.owners("coordinates")[self.coordinates[0]]
         return np.where(np.isin(own, slides), 1 / self._length, 1.0)
-
-    @property
-    def posture(self) -> dict[str, np.ndarray]:
-        """Coordinates of the part's joints at the first anchor, by name."""
-        own = self.part.body_coordinates(self.anchors[0])
-        return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
     @cached_property
     def direct(self) -> bool:
@@ -330,15 +320,11 @@ class Closure:
         """Residuals (…, m), derivatives by the part's velocities (…, m, n), and accelerations for given velocities."""
         at, parts = kinematics(self.part, q, dq), []
         for each in self.constraints:
-            residual, by_body, bias = each.rows(self.part, at)
-            # Lengths and angles count alike.
-            unit = np.ones(residual.shape[-1])
-            unit[: each.lengths] /= self._length
+            residual, by_body, bias = each.rows(self.part, at, self._length)
             nothing = 0.0 * residual[..., None]
             columns = (np.repeat(nothing, body.motions.shape[1], -1) for body in self.part.bodies)
             felt = [np.moveaxis(by_body.get(i, own), -1, 0) for i, own in enumerate(columns)]
-            J = np.moveaxis(self.part.joint_sums(q, felt), 0, -1)
-            parts.append((unit * residual, unit[:, None] * J, unit * bias))
+            parts.append((residual, np.moveaxis(self.part.joint_sums(q, felt), 0, -1), bias))
         residuals, Js, biases = zip(*parts, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(Js, -2), np.concatenate(biases, -1)
 

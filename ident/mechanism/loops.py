@@ -40,18 +40,18 @@ class Coincidence:
     bodies: tuple[str, ...]
     places: tuple[tuple[float, ...], ...]
     whole: bool = False
-    lengths = 3
 
     def ends(self, tree: "Tree") -> list[int]:
         """Indices of both bodies in a tree, `BASE` for one that is none of it."""
         return [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
 
-    def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """Rows of the constraint, in base axes."""
         ends = self.ends(tree)
         chains = [tree.chain(i) for i in ends]
         common = set(chains[0]) & set(chains[1])
         size = 6 if self.whole else 3
+        unit = np.repeat([1 / length, 1.0], 3)[:size]
         residual, bias, by_body, R = np.zeros(3), np.zeros(size), dict[int, np.ndarray](), []
         for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
             T, V, A = at.poses[i] @ np.reshape(place, (4, 4)), at.twists[i], at.rates[i]
@@ -67,7 +67,7 @@ class Coincidence:
             E = R[0] @ np.swapaxes(R[1], -1, -2)
             turn = [(E[..., j, k] - E[..., k, j]) / 2 for j, k in ((2, 1), (0, 2), (1, 0))]
             residual = np.concatenate([residual, np.stack(turn, axis=-1)], axis=-1)
-        return residual, by_body, bias
+        return unit * residual, {k: unit[:, None] * own for k, own in by_body.items()}, unit * bias
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,6 @@ class Relation:
     first: tuple[tuple[str, float], ...]
     second: tuple[tuple[str, float], ...]
     coefficients: tuple[float, ...]
-    lengths = 0
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -100,7 +99,7 @@ class Relation:
         first, second = (tuple((x, w) for x, w in own if x not in coordinates) for own in sides)
         return replace(self, first=first, second=second, coefficients=tuple(law.coef.tolist()))
 
-    def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """The row of the constraint."""
         law, by_body, places = Follower(self.name, self.coefficients), dict[int, np.ndarray](), tree.names.index
         left, right = (
@@ -265,9 +264,8 @@ class Constraints:
                     beyond, inner = laws[lead]
                     laws[joint] = beyond, law(inner)
         # Those that are left in a ring follow themselves.
-        return {
-            joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in laws.items() if lead not in laws
-        }
+        free = {joint: own for joint, own in laws.items() if own[0] not in laws}
+        return {joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in free.items()}
 
     def _closure(self, tree: "Tree", dependent: tuple[str, ...]) -> Closure:
         """Closure with the model's posture as its anchor, in which the loops may be open.

@@ -1,6 +1,6 @@
 """Motion of a mechanism: of its joints, of its base frame, and of a carrier, whose joints determine that of a base."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -168,11 +168,6 @@ class Carrier:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints."""
         return self.tree.joints
-
-    def closed(self, lacking: Collection[str]) -> "Carrier":
-        """The carrier with those joints dependent that loops determine, if some without positions are among them."""
-        tree = self.constraints.closing(self.tree, lacking)
-        return self if tree is self.tree else replace(self, tree=tree)
 
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.

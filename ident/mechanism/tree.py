@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -53,8 +53,7 @@ class Tree:
                 )
         if self.closure is None and (loose := [body.depends for body in self.bodies if body.depends]):
             raise ModelError(f"This needs all joints, but loops make '{loose[0]}' dependent. Log its position.")
-        single = {body.joint for body in self.bodies if body.coordinates == 1}
-        single |= {body.depends for body in self.bodies if body.depends}
+        single = {body.joint or body.depends for body in self.bodies if body.coordinates == 1 or body.depends}
         for i, lead in self.followers.items():
             if lead.joint not in single:
                 raise ModelError(
@@ -71,8 +70,7 @@ class Tree:
             T_0i: Home pose of each body in the base frame (b, 4, 4).
             xi: Joint twist of each body in the body's own frame, zeros for a welded one (b, 6).
         """
-        before = [np.eye(4, dtype=int), *map(se3.inverse, T_0i[:-1])]
-        homes = [inverse @ T for inverse, T in zip(before, T_0i, strict=True)]
+        homes = [T_0i[0], *(se3.inverse(T) @ following for T, following in pairwise(T_0i))]
         rows = enumerate(zip(names, homes, xi, strict=True), start=BASE)
         return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for p, (name, T, twist) in rows))
 
@@ -138,8 +136,7 @@ class Tree:
     @cached_property
     def floats(self) -> bool:
         """True if the only body on the base has joints with all six degrees of freedom."""
-        own = [self.screws[i][:, : self.bodies[i].freedoms] for i in self.root]
-        screws = np.hstack([np.zeros((6, 0)), *own])
+        screws = np.hstack([np.zeros((6, 0)), *(self.screws[i][:, : self.bodies[i].freedoms] for i in self.root)])
         return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
 
     @cached_property
@@ -257,8 +254,7 @@ class Tree:
             ModelError: There is no such joint.
             InputError: It has another number of coordinates.
         """
-        unknown = [joint for joint in coordinates if joint not in self.joints]
-        if unknown:
+        if unknown := [joint for joint in coordinates if joint not in self.joints]:
             raise ModelError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
         bodies = list(self.bodies)
         for i in self.moving:

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, read, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, by_mujoco, closed, read, text
 from mechanisms import by_joint, sines
 
 import ident
@@ -160,27 +160,6 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     log = {"time": t, "crank_position": states[0][:, 0] + 1e-3 * rng.normal(size=len(t))}
     log |= dict(zip([*WRENCH, "crank_torque"], loads.T, strict=True))
     assert_identified(ident.identify(read(FOUR_BAR), log, drive=()), phi)
-
-
-@pytest.mark.slow
-def test_a_parallel_gripper_is_weighed_from_a_wrist():
-    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(500) / 100
-    waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
-    own = {name: swings(t + k, a, [1.1 + k / 3, 2.9 + k / 3]) for k, (name, a) in enumerate(waves.items())}
-    part = arm.beyond("palm")
-    moving = part.following(part.mimics).closed(["left_finger", "left_link", "right_finger", "right_link"])
-    base = moving.carrier.motion(*(np.hstack([own[name][k] for name in moving.carrier.joints]) for k in range(3)))
-    phi = part.known.reshape(-1, 10).copy()
-    # Heavier fingers than in the model.
-    phi[[part.bodies.index("left_finger"), part.bodies.index("right_finger")]] *= 1.6
-    Y = base_wrench_regressor(moving.tree, *own["left_driver"], gravity=part.gravity, base=base)
-    wrench = Y @ phi.ravel() + rng.normal(size=(len(t), 6)) * [0.05, 0.05, 0.05, 0.003, 0.003, 0.003]
-    q = np.hstack([x[0] for x in own.values()])
-    log = {"time": t} | by_joint(own, position=q + 2e-4 * rng.normal(size=q.shape))
-    log |= dict(zip(WRENCH, wrench.T, strict=True))
-    estimate = ident.identify(part, ident.read_log(log, arm))
-    assert_identified(estimate, phi.ravel())
-    assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
 
 
 def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():

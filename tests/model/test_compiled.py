@@ -45,7 +45,7 @@ def test_regressors_of_random_trees_are_those_of_numpy(seed, samples):
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize(("seed", "bodies", "samples"), [(0, 2, BLOCK), (1, 2, BLOCK + 1), (2, 4, 333), (3, 3, 1000)])
+@pytest.mark.parametrize(("seed", "bodies", "samples"), [(0, 2, BLOCK), (1, 2, BLOCK + 1), (2, 4, 333)])
 def test_gram_matrices_are_those_of_blas(seed, bodies, samples, weighted):
     """Few columns and many, with constant offsets and weights, and overlapping blocks."""
     rng = np.random.default_rng(seed)
@@ -98,7 +98,7 @@ def random_program(rng, length):
     return Program(INPUTS, NUMBERS, RESULTS, REGISTERS, (), tuple(code))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_programs_that_combine_operations_give_what_numpy_gives(seed):
     rng = np.random.default_rng(seed)
     for length in range(1, 20):
