@@ -60,16 +60,20 @@ class Constraint(Protocol):
     def name(self) -> str:
         """Its name."""
 
+    @property
+    def places(self) -> tuple[tuple[float, ...], ...]:
+        """Places on bodies that it needs, none if joints' states are enough."""
+
     def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """Its rows, in base axes, distances over a length so that they count like angles."""
 
 
-def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> BodyKinematics:
-    """Kinematics of a tree on a base at rest, without the joints' accelerations."""
+def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None, *, placed: bool) -> BodyKinematics:
+    """Kinematics of a tree on a base at rest, without the joints' accelerations; the joints' alone unless placed."""
     still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
     states, base = tree.body_states(q, still if dq is None else dq, still), np.zeros(6)
     at = BodyKinematics([np.eye(4)], [base], [base], [], states)
-    for body, (x, dx, ddx) in zip(tree.bodies, states, strict=True):
+    for body, (x, dx, ddx) in zip(tree.bodies, states, strict=True) if placed else ():
         # The base stays last, at the index BASE.
         T = at.poses[body.parent] @ (body.home @ body.joint_pose(x))
         S = Ad(T) @ body.motions
@@ -318,7 +322,7 @@ class Closure:
 
     def rows(self, q: np.ndarray, dq: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (…, m), derivatives by the part's velocities (…, m, n), and accelerations for given velocities."""
-        at, parts = kinematics(self.part, q, dq), []
+        at, parts = kinematics(self.part, q, dq, placed=any(each.places for each in self.constraints)), []
         for each in self.constraints:
             residual, by_body, bias = each.rows(self.part, at, self._length)
             nothing = 0.0 * residual[..., None]

@@ -85,6 +85,7 @@ class Relation:
     first: tuple[tuple[str, float], ...]
     second: tuple[tuple[str, float], ...]
     coefficients: tuple[float, ...]
+    places = ()
 
     @property
     def bodies(self) -> tuple[str, ...]:
