@@ -98,18 +98,6 @@ DRIVEN = FOUR_BAR.replace('name="rod" axis', 'name="rod" damping="0.03" armature
     'name="rocker" axis', 'name="rocker" damping="0.05" stiffness="0.7" springref="0.2" axis'
 )
 
-WRIST = text(
-    body(
-        "upper", "lift", "0 0 0.2", 1.0,
-        body(
-            "fore", "bend", "0 0 0.3", 0.6, axis="1 0 0",
-            inner=body("palm", "roll", "0 0 0.2", 0.4, GRIPPER_LINKS, axis="0 0 1"),
-        ),
-    ),
-    GRIPPER_EQUALITY,
-)  # fmt: skip
-"""The gripper on an arm of three joints."""
-
 
 def _universal(name, pos, mass, inner=""):
     """A rod on two hinges at right angles."""

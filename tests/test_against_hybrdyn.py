@@ -8,9 +8,8 @@ from explicit kinematics.
 import numpy as np
 import pytest
 
-from ident.mechanism.constraint import Coincidence
 from ident.mechanism.dh import Frame, tree_from_mdh
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import Coincidence, Constraints
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors

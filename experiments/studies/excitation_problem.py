@@ -23,9 +23,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import regressor
-from ident.model.adjoint import pulled_back
 from ident.model.axes import Axes, column_place, stated_values
-from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor, pulled_back
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.prior import DRIVE_KNOWN, known_rows
 from ident.parameters.structure import Sensors

@@ -16,8 +16,7 @@ from ident.mechanism.mechanism import Mechanism, out_of_plane
 from ident.mechanism.motion import Motion
 from ident.model.axes import Axes, Couplings, column_place, stated_values
 from ident.model.compiled import zeros
-from ident.model.inverse_dynamics import inverse_dynamics
-from ident.model.regressor import chunk, drive_signals, program_inputs, regressor_program
+from ident.model.regressor import chunk, drive_signals, inverse_dynamics, program_inputs, regressor_program
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors

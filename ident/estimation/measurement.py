@@ -25,10 +25,8 @@ from ident.geometry.se3 import coAd, inverse, pose
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
-from ident.model.adjoint import Value, gradient
-from ident.model.inverse_dynamics import body_wrenches, joint_torques
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape, uncollected
+from ident.model.tape import Program, Signal, Tape, Value, gradient, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.tolerances import DRIVE
 
@@ -260,12 +258,12 @@ class Measurement(ChannelParameters):
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
             wrench = self._in_sensor(np.sum(felt, axis=0), base, at)
-            torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
+            torques = closed_form.joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
         phi = self.with_dependent(unseen)
         phi[list(equations.parameters.kept)] += theta[: equations.parameters.rank]
-        own = read(body_wrenches(self.tree, motions, phi), drives, theta)
+        own = read(closed_form.body_wrenches(self.tree, motions, phi), drives, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):

@@ -11,7 +11,7 @@ from ident.estimation.equations import COMPONENTS, Equations
 from ident.geometry.se3 import hat, pose, small_rotation
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
-from ident.model.adjoint import Value
+from ident.model.tape import Value
 from ident.parameters.person_prior import without_side
 from ident.parameters.prior import known_covariance, known_roots, known_rows
 from ident.recordings.stated import Tracker

@@ -32,7 +32,7 @@ from ident.judgement.finding import Finding, Place
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
-from ident.model.inverse_dynamics import inverse_dynamics
+from ident.model.regressor import inverse_dynamics
 from ident.recordings.smoothing import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND

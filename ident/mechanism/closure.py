@@ -4,21 +4,19 @@
 
 q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
 the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear in q_d, one
-step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a + k. Least squares take redundant
-constraints, as those of loops in a plane are.
+step from anywhere is the solution. Least squares take redundant constraints, as those of loops in a plane are.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ident.errors import ModelError
-from ident.geometry.se3 import applied
-from ident.mechanism.constraint import Coincidence, Constraint, Relation, kinematics
-from ident.mechanism.parallel_axes import nearly_parallel
+from ident.geometry.se3 import Ad, ad, applied
 from ident.tolerances import ROUNDING
 
 if TYPE_CHECKING:
@@ -40,9 +38,51 @@ one in which bodies are aligned."""
 NEAR = 0.06
 """Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
 
-FULL, DRAWN = 1e-6, 8
-"""Part of the largest singular value above which rows of a constraint are independent, and the number of states in
-which one that moves only by chance does not stay within it."""
+
+class BodyKinematics(NamedTuple):
+    """Poses (…, 4, 4), twists and their rates (…, 6), of bodies and last of the base; the joints' screws and states."""
+
+    poses: list[np.ndarray]
+    twists: list[np.ndarray]
+    rates: list[np.ndarray]
+    screws: list[np.ndarray]
+    states: list[tuple[np.ndarray, ...]]
+
+
+Rows = tuple[np.ndarray, dict[int, np.ndarray], np.ndarray]
+"""Residuals (…, m), derivatives by the rates of bodies' joints (…, m, f), and accelerations without those (…, m)."""
+
+
+class Constraint(Protocol):
+    """A constraint of positions between bodies, such as those of `ident.mechanism.loops`."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def places(self) -> tuple[tuple[float, ...], ...]:
+        """Places on bodies that it needs, none if joints' states are enough."""
+
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
+        """Its rows, in base axes, distances over a length so that they count like angles."""
+
+
+def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None, *, placed: bool) -> BodyKinematics:
+    """Kinematics of a tree on a base at rest, without the joints' accelerations; the joints' alone unless placed."""
+    still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
+    states, base = tree.body_states(q, still if dq is None else dq, still), np.zeros(6)
+    at = BodyKinematics([np.eye(4)], [base], [base], [], states)
+    for body, (x, dx, ddx) in zip(tree.bodies, states, strict=True) if placed else ():
+        # The base stays last, at the index BASE.
+        T = at.poses[body.parent] @ (body.home @ body.joint_pose(x))
+        S = Ad(T) @ body.motions
+        V, own = at.twists[body.parent], applied(S, dx)
+        at.rates.insert(-1, at.rates[body.parent] + applied(S, ddx) + applied(ad(V), own))
+        at.twists.insert(-1, V + own)
+        at.poses.insert(-1, T)
+        at.screws.append(S)
+    return at
 
 
 @dataclass(frozen=True)
@@ -68,7 +108,7 @@ class Closure:
         return tuple(joint for joint in self.part.joints if joint not in self.dependent)
 
     @cached_property
-    def _coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the independent and of the dependent coordinates of the part."""
         return self._split("coordinates")
 
@@ -90,34 +130,17 @@ class Closure:
     def _scale(self) -> np.ndarray:
         """Factors that make the independent coordinates comparable: 1 for angles, one over the length for slides."""
         slides = [body.joint for body in self.part.bodies if not (body.is_ball or body.turns)]
-        own = self.part.owners("coordinates")[self._coordinates[0]]
+        own = self.part.owners("coordinates")[self.coordinates[0]]
         return np.where(np.isin(own, slides), 1 / self._length, 1.0)
-
-    @property
-    def posture(self) -> dict[str, np.ndarray]:
-        """Coordinates of the part's joints at the first anchor, by name."""
-        own = self.part.body_coordinates(self.anchors[0])
-        return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
-
-    def _linear_in(self, coordinates: np.ndarray) -> bool:
-        """True if all constraints are sums of joints that are linear in some of the part's coordinates."""
-        q = np.tile(np.random.default_rng(0).normal(size=self.part.size), (2, 1))
-        q[1, coordinates] += 1
-        before, after = self.rows(q)[1]
-        return all(isinstance(each, Relation) for each in self.constraints) and np.allclose(before, after, 1e-12, 1e-12)
 
     @cached_property
     def direct(self) -> bool:
         """True if the constraints are linear in the dependent coordinates."""
-        return self._linear_in(self._coordinates[1])
-
-    @cached_property
-    def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
-        if not self._linear_in(np.arange(self.part.size)):
-            return None
-        (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
-        return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]
+        rng = np.random.default_rng(0)
+        q = np.tile(rng.normal(size=self.part.size), (2, 1))
+        q[1, self.coordinates[1]] += rng.normal(size=len(self.dependent))
+        before, after = self.rows(q)[1]
+        return np.allclose(before, after, 1e-12, 1e-12)
 
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
@@ -130,14 +153,11 @@ class Closure:
         Returns:
             Up to three arrays (…, d).
         """
-        if self._affine:
-            G, k = self._affine
-            return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
         d = self._freedoms[1]
-        residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
+        residual, J, _ = self.rows(self._joined(self.coordinates, x, start))
         out = [start - _least_squares(J[..., d], residual[..., None])[..., 0]]
         if rates:
-            q = self._joined(self._coordinates, x, out[0])
+            q = self._joined(self.coordinates, x, out[0])
             G = self._slopes(q)
             out += [applied(G, rate) for rate in rates]
         if len(rates) > 1:
@@ -147,9 +167,7 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
-        if self._affine:
-            return np.broadcast_to(self._affine[0], (*np.shape(x)[:-1], *self._affine[0].shape))
-        return self._slopes(self._joined(self._coordinates, x, *self.completed(x, start)))
+        return self._slopes(self._joined(self.coordinates, x, *self.completed(x, start)))
 
     def _slopes(self, q: np.ndarray) -> np.ndarray:
         """Derivatives G (…, d, n) at coordinates of the part (…, n_q) with loops closed."""
@@ -164,15 +182,15 @@ class Closure:
         """
         if self.direct:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
-        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
-        return self._continued(flat)[0][:, self._coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self.coordinates[0]))
+        return self._continued(flat)[0][:, self.coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
 
     def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates of the part (N, n_q), and if watched, the smallest singular values on the way to them (N,).
 
         Those are zero beyond a posture in which a determinant changes its sign.
         """
-        own, d = self._coordinates[0], self._freedoms[1]
+        own, d = self.coordinates[0], self._freedoms[1]
         q, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
         start, before = q[:, own], self.rows(q)[1][..., d] if watched else None
         far = np.abs((x - start) * self._scale).max(initial=0)
@@ -186,24 +204,15 @@ class Closure:
                 least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
         return q, least
 
-    @cached_property
-    def _posed(self) -> np.ndarray:
-        """Coordinates of the part in the model's posture, closed as far as Newton's method gets (1, n_q)."""
-        return self._newton(self.anchors[:1], ITERATIONS)
-
-    @property
-    def apart(self) -> float:
-        """Gap left between the loops' ends in the model's posture, rad or lengths of the mechanism."""
-        return float(self._defects(self._posed)[0][0])
-
     def in_posture(self) -> "Closure":
         """The closure with its loops closed at its only anchor, the posture of a model.
 
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        self._check(self._posed, np.zeros(1, bool), None)
-        return replace(self, anchors=self._posed)
+        q = self._newton(self.anchors, ITERATIONS)
+        self._check(q, np.zeros(1, bool), ["in the model's posture"])
+        return replace(self, anchors=q)
 
     def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
         """The closure with anchors along a recording.
@@ -237,7 +246,7 @@ class Closure:
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
-        own, kept = self._coordinates[0], [np.zeros((0, len(self._coordinates[0])))]
+        own, kept = self.coordinates[0], [np.zeros((0, len(self.coordinates[0])))]
         for reach in np.pi / 2.0 ** np.arange(8):
             start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
             x = start + rng.uniform(-reach, reach, start.shape) / self._scale
@@ -247,19 +256,10 @@ class Closure:
         x = np.resize(np.concatenate(kept), (samples, len(own)))
         return {joint: x[:, self.part.owners("coordinates")[own] == joint] for joint in self.independent}
 
-    def ranks(self) -> list[int]:
-        """Number of independent rows of each constraint in random states, to `FULL`."""
-        drawn = self.drawn(np.random.default_rng(0), DRAWN)
-        x = np.concatenate([np.zeros((DRAWN, 0)), *(drawn[joint] for joint in self.independent)], axis=1)
-        q = self._continued(x)[0]
-        each = (replace(self, constraints=(row,)).rows(q)[1] for row in self.constraints)
-        singular = (np.linalg.svd(J, compute_uv=False) for J in each)
-        return [int((x > FULL * x[:, :1]).sum(axis=1).max()) for x in singular]
-
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
         # A column of zeros leaves something to compare where nothing is independent.
-        places = [np.pad(y * self._scale, ((0, 0), (0, 1))) for y in (self.anchors[:, self._coordinates[0]], x)]
+        places = [np.pad(y * self._scale, ((0, 0), (0, 1))) for y in (self.anchors[:, self.coordinates[0]], x)]
         distance, nearest = cKDTree(places[0]).query(places[1])
         return distance, nearest
 
@@ -270,7 +270,7 @@ class Closure:
             step = _least_squares(J[..., self._freedoms[1]], residual[..., None])[..., 0]
             size = np.abs(step).max(axis=-1, initial=0, keepdims=True)
             q = q.copy()
-            q[..., self._coordinates[1]] -= step / np.maximum(1, 2 * size)
+            q[..., self.coordinates[1]] -= step / np.maximum(1, 2 * size)
             if size.max(initial=0) < 1e-12:
                 break
         return q
@@ -278,43 +278,35 @@ class Closure:
     def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
         q, least = self._continued(x, watched=True)
-        self._check(q, least == 0, time)
+        self._check(q, least == 0, [f"at {t:.6g} s" for t in time])
         return q
 
-    def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
+    def _check(self, q: np.ndarray, beyond: np.ndarray, when: Sequence[str]) -> None:
         apart, least, _ = self._defects(q)
         is_open = apart > OPEN
         refused = is_open if is_open.any() else beyond | (least < SINGULAR)
         if not refused.any():
             return
-        k = int(refused.argmax())
-        when, joints = "in the model's posture" if time is None else f"at {time[k]:.6g} s", ", ".join(self.independent)
+        k, joints = int(refused.argmax()), ", ".join(self.independent)
         if is_open[k]:
             names = ", ".join(f"'{each.name}'" for each in self.constraints)
             raise ModelError(
-                f"The loops of {names} cannot be closed {when}: {apart[k] * self._length:.2g} m remain. Check the "
-                f"model's posture, its axes{self._off}, and the zeros, signs and units of {joints or 'its joints'}."
+                f"The loops of {names} cannot be closed {when[k]}: {apart[k] * self._length:.2g} m remain. Check the "
+                f"model's posture, its axes, and the zeros, signs and units of {joints or 'its joints'}."
             )
         if not joints:
             raise self.rigid()
         raise ModelError(
-            f"The loops are singular {when}: {joints} there does not determine {', '.join(self.dependent)}. Leave that "
-            f"posture out, or log one of these joints{self._off and ', or align axes'}{self._off}."
+            f"The loops are singular {when[k]}: {joints} there does not determine {', '.join(self.dependent)}. Leave "
+            "that posture out, log one of these joints, or align axes that are meant to be parallel."
         )
-
-    @property
-    def _off(self) -> str:
-        """Angles by which axes are off parallel in parentheses, empty for none."""
-        turns = nearly_parallel(self.part.bodies, self.dependent).values()
-        off = ", ".join(f"{turn.joint} {turn.angle:.2g} rad" for turn in turns)
-        return off and f" (off parallel: {off})"
 
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
         names = " ".join(each.name for each in self.constraints)
         return ModelError(
-            f"Loops leave {', '.join(self.dependent)} no motion. Align their axes{self._off}, or leave a wrong "
-            f"constraint out with --ignore, one of: {names}."
+            f"Loops leave {', '.join(self.dependent)} no motion. Align axes that are meant to be parallel, or leave a "
+            f"wrong constraint out with --ignore, one of: {names}."
         )
 
     def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -330,17 +322,13 @@ class Closure:
 
     def rows(self, q: np.ndarray, dq: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (…, m), derivatives by the part's velocities (…, m, n), and accelerations for given velocities."""
-        at, parts = kinematics(self.part, q, dq), []
+        at, parts = kinematics(self.part, q, dq, placed=any(each.places for each in self.constraints)), []
         for each in self.constraints:
-            residual, by_body, bias = each.rows(self.part, at)
-            # Lengths and angles count alike.
-            unit = np.ones(residual.shape[-1])
-            unit[:3] /= self._length if isinstance(each, Coincidence) else 1
+            residual, by_body, bias = each.rows(self.part, at, self._length)
             nothing = 0.0 * residual[..., None]
             columns = (np.repeat(nothing, body.motions.shape[1], -1) for body in self.part.bodies)
             felt = [np.moveaxis(by_body.get(i, own), -1, 0) for i, own in enumerate(columns)]
-            J = np.moveaxis(self.part.joint_sums(q, felt), 0, -1)
-            parts.append((unit * residual, unit[:, None] * J, unit * bias))
+            parts.append((residual, np.moveaxis(self.part.joint_sums(q, felt), 0, -1), bias))
         residuals, Js, biases = zip(*parts, strict=True)
         return np.concatenate(residuals, -1), np.concatenate(Js, -2), np.concatenate(biases, -1)
 

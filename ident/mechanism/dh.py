@@ -9,8 +9,7 @@ from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.constraint import Relation
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import Constraints, Relation
 from ident.mechanism.tree import Tree
 
 X = np.array([0.0, 0, 0, 1, 0, 0])

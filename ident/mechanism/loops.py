@@ -1,28 +1,121 @@
-"""Loops of a mechanism: its constraints of positions, and the joints that these make dependent."""
+"""Loops of a mechanism: places that coincide, sums of coordinates, and the joints that these make dependent."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.linalg import null_space
 
 from ident.errors import ModelError
+from ident.geometry.se3 import Ad, applied, hat, pose
 from ident.mechanism.body import BASE, Body, Follower
-from ident.mechanism.closure import OPEN, Closure
-from ident.mechanism.constraint import Coincidence, Constraint, Relation, members_of
-from ident.mechanism.parallel_axes import LIKELY, NAMED, Turn, nearly_parallel
-from ident.tolerances import HUGE
+from ident.mechanism.closure import BodyKinematics, Closure, Rows
+from ident.tolerances import HUGE, ROUNDING
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
 
-DIGITS = 1e-4
-"""Angle below which axes in loops are meant to be parallel, rad: that of two angles with four decimals."""
+PARALLEL = 5e-3
+"""Angle up to which axes of loops count as parallel, rad: drawings and scans are off by some milliradians, with more of
+which loops in a plane open visibly."""
 
 INDEPENDENT = 1e-3
 """Part of a column of the constraints that counts as independent of others: models state places with few digits."""
+
+
+@dataclass(frozen=True)
+class Coincidence:
+    """Two frames or points that coincide, each on a body.
+
+    Attributes:
+        name: Name of the constraint.
+        bodies: Names of both bodies.
+        places: Poses of the frames on them, row by row (16,).
+        whole: True for frames, False for points.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    places: tuple[tuple[float, ...], ...]
+    whole: bool = False
+
+    def ends(self, tree: "Tree") -> list[int]:
+        """Indices of both bodies in a tree, `BASE` for one that is none of it."""
+        return [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
+
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
+        """Rows of the constraint, in base axes."""
+        ends = self.ends(tree)
+        chains = [tree.chain(i) for i in ends]
+        common = set(chains[0]) & set(chains[1])
+        size = 6 if self.whole else 3
+        unit = np.repeat([1 / length, 1.0], 3)[:size]
+        residual, bias, by_body, R = np.zeros(3), np.zeros(size), dict[int, np.ndarray](), []
+        for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
+            T, V, A = at.poses[i] @ np.reshape(place, (4, 4)), at.twists[i], at.rates[i]
+            p, w = T[..., :3, 3], V[..., 3:]
+            # The twist of the point, in base axes.
+            at_point = Ad(pose(np.broadcast_to(np.eye(3, dtype=int), (*p.shape[:-1], 3, 3)), -p))[..., :size, :]
+            turned = applied(hat(w), applied(at_point, V)[..., :3])
+            centripetal = np.concatenate([turned, 0 * w], axis=-1)[..., :size]
+            residual, bias = residual + sign * p, bias + sign * (applied(at_point, A) + centripetal)
+            by_body |= {k: sign * at_point @ at.screws[k] for k in set(chain) - common}
+            R.append(T[..., :3, :3])
+        if self.whole:
+            E = R[0] @ np.swapaxes(R[1], -1, -2)
+            turn = [(E[..., j, k] - E[..., k, j]) / 2 for j, k in ((2, 1), (0, 2), (1, 0))]
+            residual = np.concatenate([residual, np.stack(turn, axis=-1)], axis=-1)
+        return unit * residual, {k: unit[:, None] * own for k, own in by_body.items()}, unit * bias
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A sum of joint coordinates that is a polynomial of another such sum.
+
+    Attributes:
+        name: Name of the constraint.
+        first: Weights of the coordinates by the names of the bodies that the joints carry.
+        second: Weights of the others.
+        coefficients: Coefficients of the polynomial, the constant first.
+    """
+
+    name: str
+    first: tuple[tuple[str, float], ...]
+    second: tuple[tuple[str, float], ...]
+    coefficients: tuple[float, ...]
+    places = ()
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that the joints carry."""
+        return tuple(name for name, _ in (*self.first, *self.second))
+
+    def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Relation":
+        """The relation with some coordinates fixed, by the names of the bodies."""
+        sides = self.first, self.second
+        constant, shift = (sum(w * float(coordinates[x][0]) for x, w in own if x in coordinates) for own in sides)
+        law = Polynomial(self.coefficients)(Polynomial([shift, 1])) - constant
+        first, second = (tuple((x, w) for x, w in own if x not in coordinates) for own in sides)
+        return replace(self, first=first, second=second, coefficients=tuple(law.coef.tolist()))
+
+    def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
+        """The row of the constraint."""
+        law, by_body, places = Follower(self.name, self.coefficients), dict[int, np.ndarray](), tree.names.index
+        left, right = (
+            [sum((w * at.states[places(name)][k] for name, w in side), np.zeros(1)) for k in range(3)]
+            for side in (self.first, self.second)
+        )
+        value, _, ddvalue = law.states(*right)
+        for side, factor in ((self.first, 1.0), (self.second, -law.slope(right[0]))):
+            for i, weight in ((places(name), weight) for name, weight in side):
+                by_body[i] = by_body.get(i, 0) + (factor * weight + 0 * at.states[i][0])[..., None]
+        return left[0] - value, by_body, left[2] - ddvalue
+
+
+Row = Coincidence | Relation
+"""A constraint of positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +127,7 @@ class Constraints:
         posture: Coordinates by joint, each (1,) or (4,).
     """
 
-    rows: tuple[Constraint, ...] = ()
+    rows: tuple[Row, ...] = ()
     posture: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def dependent(self, tree: "Tree", lacking: Collection[str] = (), driven: Collection[str] = ()) -> tuple[str, ...]:
@@ -103,8 +196,7 @@ class Constraints:
         """The constraints, of which none contradicts others.
 
         Raises:
-            ModelError: One has numbers beyond all use; or together they leave joints no motion that each leaves them,
-                or are sums that do not agree.
+            ModelError: One has numbers beyond all use, or together they leave joints no motion that each leaves them.
         """
         for row in self.rows:
             numbers = row.places if isinstance(row, Coincidence) else row.coefficients
@@ -112,20 +204,46 @@ class Constraints:
                 raise ModelError(
                     f"The constraint '{row.name}' needs numbers below {HUGE:g}, as of its anchor or polycoef."
                 )
-        loose = replace(self, rows=tuple(row for row in self.rows if not replace(self, rows=(row,)).hold(tree)))
-        sums = replace(self, rows=tuple(row for row in self.rows if isinstance(row, Relation)))
-        apart = sums._closure(tree, sums.dependent(tree)).apart if sums.rows else 0.0
-        if len(loose.rows) > 1 and not tree.still and loose.hold(tree):
-            wrong, why = loose.rows, f"they leave {', '.join(loose.coupled(tree))} no motion"
-        elif apart > OPEN:
-            wrong, why = sums.rows, f"{apart:.2g} rad or m remain between their sums of joints"
-        else:
-            return self
-        names = [row.name for row in wrong]
-        raise ModelError(
-            f"The constraints {', '.join(names)} contradict each other: {why}. Leave the wrong one out with --ignore, "
-            f"of {' '.join(names)}."
-        )
+        loose = [row for row in self.rows if not replace(self, rows=(row,)).hold(tree)]
+        if len(loose) > 1 and not tree.still and replace(self, rows=tuple(loose)).hold(tree):
+            names = [row.name for row in loose]
+            raise ModelError(
+                f"The constraints {', '.join(names)} contradict each other: they leave {', '.join(self.coupled(tree))} "
+                f"no motion. Leave the wrong one out with --ignore, of {' '.join(names)}."
+            )
+        return self
+
+    def aligned(self, tree: "Tree") -> tuple["Tree", dict[str, float]]:
+        """The tree with those axes of its loops parallel that nearly are, and the angles by which these turned.
+
+        A loop of hinges moves only if its axes are parallel, and any angle that a file's digits leave adds parameters.
+        Hinges turn to the axis nearest to the base, slides until they are across it.
+
+        Returns:
+            The tree, and the angles, rad, by the names of the joints.
+        """
+        members = members_of(tree, [row for row in self.rows if isinstance(row, Coincidence)])
+        bodies, angles, normals = list(tree.bodies), dict[str, float](), list[np.ndarray]()
+        R = tree.poses(self._coordinates(tree))[:, :3, :3]
+        for i in sorted(members, key=lambda i: (not tree.bodies[i].turns, i)):
+            body = bodies[i]
+            if body.is_ball or not body.moves:
+                continue
+            v, w = np.split(body.twist, 2)
+            own = R[i] @ (w if body.turns else v)
+            if body.turns:
+                normals.append(own)
+                alike = (normal * np.sign(normal @ own) for normal in normals)
+                meant = next(axis for axis in alike if np.linalg.norm(axis - own) < PARALLEL)
+            else:
+                off = next((own @ normal * normal for normal in normals if abs(own @ normal) < PARALLEL), 0 * own)
+                meant = (own - off) / np.linalg.norm(own - off)
+            turned = R[i].T @ meant
+            about = np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
+            bodies[i] = replace(body, twist=about if body.turns else np.r_[turned, w])
+            if (angle := float(np.linalg.norm(meant - own))) > ROUNDING:
+                angles[body.joint or body.name] = angle
+        return replace(tree, bodies=tuple(bodies)), angles
 
     def hold(self, tree: "Tree") -> bool:
         """True if there are constraints, and they leave their joints no motion."""
@@ -147,9 +265,8 @@ class Constraints:
                     beyond, inner = laws[lead]
                     laws[joint] = beyond, law(inner)
         # Those that are left in a ring follow themselves.
-        return {
-            joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in laws.items() if lead not in laws
-        }
+        free = {joint: own for joint, own in laws.items() if own[0] not in laws}
+        return {joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in free.items()}
 
     def _closure(self, tree: "Tree", dependent: tuple[str, ...]) -> Closure:
         """Closure with the model's posture as its anchor, in which the loops may be open.
@@ -157,8 +274,11 @@ class Constraints:
         Its part are the bodies through which the loops go, all other bodies at rest.
         """
         part = type(tree)(tree.part(sorted(members_of(tree, self.rows))))
-        q = np.concatenate([np.zeros(0), *(self.posture[joint] for joint in part.joints)])[None]
-        return Closure(part, self.rows, dependent, q)
+        return Closure(part, self.rows, dependent, self._coordinates(part)[None])
+
+    def _coordinates(self, tree: "Tree") -> np.ndarray:
+        """Coordinates of a tree in the model's posture (n_q,)."""
+        return np.concatenate([np.zeros(0), *(self.posture[joint] for joint in tree.joints)])
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray], tree: "Tree") -> "Constraints":
         """The constraints of a tree in which some bodies' joints were fixed, at coordinates by the bodies' names."""
@@ -175,7 +295,7 @@ class Constraints:
         Raises:
             ModelError: One is between a body of the tree and another.
         """
-        rows = list[Constraint]()
+        rows = list[Row]()
         for row in self.rows:
             inside = {name in tree.names for name in row.bodies}
             if len(inside) == 2:
@@ -187,6 +307,19 @@ class Constraints:
             if inside == {True} and any(tree.bodies[i].moves for i in members_of(tree, [row])):
                 rows.append(row)
         return replace(self, rows=tuple(rows))
+
+
+def members_of(tree: "Tree", rows: Collection[Row]) -> set[int]:
+    """Indices of the bodies through which the loops of constraints go."""
+    members = set[int]()
+    for each in rows:
+        if isinstance(each, Coincidence):
+            one, other = each.ends(tree)
+            members |= {*tree.chain(one)} ^ {*tree.chain(other)}
+        else:
+            members |= {*map(tree.names.index, each.bodies)}
+    leads = {tree.followers[i].joint for i in members if i in tree.followers}
+    return members | {i for i, body in enumerate(tree.bodies) if body.joint in leads}
 
 
 def _row_space(J: np.ndarray) -> np.ndarray:
@@ -220,50 +353,3 @@ def _independent_columns(J: np.ndarray, order: Collection[int]) -> list[int]:
             left = left - np.outer(unit, unit @ left)
             out.append(k)
     return out
-
-
-class Alignment(NamedTuple):
-    """A tree with axes of its loops parallel.
-
-    Attributes:
-        tree: The tree.
-        angles: Angles by which axes were turned, rad, by the names of their joints.
-    """
-
-    tree: "Tree"
-    angles: Mapping[str, float]
-
-
-def alignments(tree: "Tree") -> tuple[Alignment, Alignment]:
-    """A tree with those axes of its loops parallel that have to be, and with all that may be meant to be.
-
-    Axes have to be parallel if only a model's digits keep them from it, or if loops move only then: with any angle
-    between two axes a four-bar of four hinges is rigid.
-    """
-    if (closure := tree.closure) is None:
-        return Alignment(tree, {}), Alignment(tree, {})
-    likely, named = (nearly_parallel(closure.part.bodies, closure.dependent, angle) for angle in (LIKELY, NAMED))
-    parallel = _aligned(tree, likely)
-    every = parallel if named.keys() == likely.keys() else _aligned(tree, named)
-    needed = {i for i, turn in likely.items() if turn.angle < DIGITS}
-    if (other := parallel.tree.closure) and len(needed) < len(likely):
-        ranks = zip(closure.constraints, closure.ranks(), other.ranks(), strict=True)
-        needed |= members_of(closure.part, [row for row, skew, aligned in ranks if aligned < skew])
-    least = _aligned(tree, {i: turn for i, turn in likely.items() if i in needed})
-    return least, every if every.angles else parallel
-
-
-def _aligned(tree: "Tree", turns: Mapping[int, Turn]) -> Alignment:
-    """A tree with some axes of its loops turned, by indices of the loops' bodies; as it is if they then stay open."""
-    if (closure := tree.closure) is None or not turns:
-        return Alignment(tree, {})
-    twists = {closure.part.bodies[i].name: turn.twist for i, turn in turns.items()}
-    part, whole = (
-        tuple(replace(body, twist=twists.get(body.name, body.twist)) for body in each.bodies)
-        for each in (closure.part, tree)
-    )
-    try:
-        closed = replace(closure, part=replace(closure.part, bodies=part)).in_posture()
-    except ModelError:
-        return Alignment(tree, {})
-    return Alignment(replace(tree, bodies=whole, closure=closed), {turn.joint: turn.angle for turn in turns.values()})

@@ -148,7 +148,8 @@ class Mechanism(Brief):
             return self
         tree = self.constraints.closed(self.tree, self.in_loops)
         opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
-        return replace(self, tree=opened).fixed(tree.closure.posture if tree.closure else {})
+        at = tree.closure.anchors[0] if tree.closure else ()
+        return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})
 
     @property
     def in_world(self) -> np.ndarray:

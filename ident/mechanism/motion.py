@@ -1,6 +1,6 @@
 """Motion of a mechanism: of its joints, of its base frame, and of a carrier, whose joints determine that of a base."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -11,8 +11,7 @@ from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.se3 import Ad, ad, applied, inverse
 from ident.mechanism.body import is_rigid
-from ident.mechanism.constraint import Constraint, members_of
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import Constraints, Row, members_of
 from ident.mechanism.tree import Tree
 
 Which = int | slice | np.ndarray
@@ -170,11 +169,6 @@ class Carrier:
         """Names of the joints."""
         return self.tree.joints
 
-    def closed(self, lacking: Collection[str]) -> "Carrier":
-        """The carrier with those joints dependent that loops determine, if some without positions are among them."""
-        tree = self.constraints.closing(self.tree, lacking)
-        return self if tree is self.tree else replace(self, tree=tree)
-
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.
 
@@ -223,7 +217,7 @@ def divided(tree: Tree, name: str, constraints: Constraints) -> tuple[Carrier, T
     last = tree.names.index(name)
     chain, carried = {*tree.chain(last)}, tree.carried(last)
     rows = [row for row in constraints.rows if not members_of(tree, [row]) & {*carried} - {last}]
-    own = list[Constraint]()
+    own = list[Row]()
     for _ in rows:
         own = [row for row in rows if members_of(tree, [row]) & chain]
         chain = chain.union(*(tree.chain(i) for i in members_of(tree, own)))

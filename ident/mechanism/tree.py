@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -53,8 +53,7 @@ class Tree:
                 )
         if self.closure is None and (loose := [body.depends for body in self.bodies if body.depends]):
             raise ModelError(f"This needs all joints, but loops make '{loose[0]}' dependent. Log its position.")
-        single = {body.joint for body in self.bodies if body.coordinates == 1}
-        single |= {body.depends for body in self.bodies if body.depends}
+        single = {body.joint or body.depends for body in self.bodies if body.coordinates == 1 or body.depends}
         for i, lead in self.followers.items():
             if lead.joint not in single:
                 raise ModelError(
@@ -63,27 +62,17 @@ class Tree:
                 )
 
     @classmethod
-    def from_home_poses(
-        cls, names: Sequence[str], T_0i: np.ndarray, xi: np.ndarray, parents: Sequence[int] | None = None
-    ) -> "Tree":
-        """Tree from a table like Table II.
+    def from_home_poses(cls, names: Sequence[str], T_0i: np.ndarray, xi: np.ndarray) -> "Tree":
+        """Serial chain from a table like Table II, with joints named like their bodies.
 
         Args:
             names: Names of the b bodies.
             T_0i: Home pose of each body in the base frame (b, 4, 4).
             xi: Joint twist of each body in the body's own frame, zeros for a welded one (b, 6).
-            parents: Index of each body's parent; by default a serial chain.
-
-        Returns:
-            The tree.
         """
-        T_0i = np.asarray(T_0i)
-        parents = range(BASE, len(names) - 1) if parents is None else parents
-        if any(not BASE <= p < i for i, p in enumerate(parents)):
-            raise ModelError(f"Parents come before their children, got {tuple(parents)}.")
-        home = [T if p == BASE else se3.inverse(T_0i[p]) @ T for p, T in zip(parents, T_0i, strict=True)]
-        rows = zip(names, parents, home, xi, strict=True)
-        return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
+        homes = [T_0i[0], *(se3.inverse(T) @ following for T, following in pairwise(T_0i))]
+        rows = enumerate(zip(names, homes, xi, strict=True), start=BASE)
+        return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for p, (name, T, twist) in rows))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -147,8 +136,7 @@ class Tree:
     @cached_property
     def floats(self) -> bool:
         """True if the only body on the base has joints with all six degrees of freedom."""
-        own = [self.screws[i][:, : self.bodies[i].freedoms] for i in self.root]
-        screws = np.hstack([np.zeros((6, 0)), *own])
+        screws = np.hstack([np.zeros((6, 0)), *(self.screws[i][:, : self.bodies[i].freedoms] for i in self.root)])
         return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
 
     @cached_property
@@ -266,8 +254,7 @@ class Tree:
             ModelError: There is no such joint.
             InputError: It has another number of coordinates.
         """
-        unknown = [joint for joint in coordinates if joint not in self.joints]
-        if unknown:
+        if unknown := [joint for joint in coordinates if joint not in self.joints]:
             raise ModelError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
         bodies = list(self.bodies)
         for i in self.moving:
@@ -379,10 +366,10 @@ class Tree:
     @cached_property
     def slopes_in_posture(self) -> np.ndarray:
         """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
-        at = self.closure.posture if self.closure else {}
-        moving = (self.bodies[i] for i in self.moving)
-        q = (at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)) for body in moving)
-        return self.slopes(np.concatenate([np.zeros(0), *q]))
+        q = np.zeros(self.size)
+        if self.closure:
+            q[self._of_loops[0]] = self.closure.anchors[0, self.closure.coordinates[0]]
+        return self.slopes(q)
 
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""

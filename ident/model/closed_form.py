@@ -74,19 +74,42 @@ def body_wrench(motion: BodyMotion, phi: np.ndarray) -> np.ndarray:
     return np.concatenate([force, hat(p) @ force + hat(h) @ a + turning])
 
 
-def joint_torque_rows(tree: Tree, motions: list[BodyMotion], q: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Regressor of the joint torques (n, 10 b), from that of the wrench: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
-    felt: list[np.ndarray] = []
+def body_wrenches(tree: Tree, motions: list[BodyMotion], phi: np.ndarray) -> list[np.ndarray]:
+    """Inertial and gravitational wrench of every body in the base frame (6,), zeros for massless ones."""
+    wrenches = [np.zeros(6)] * len(tree.bodies)
+    for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
+        wrenches[i] = body_wrench(motions[i], own)
+    return wrenches
+
+
+def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches: list[np.ndarray]) -> np.ndarray:
+    """Torques of the n freedoms that balance wrenches on the bodies: `τ_Ji = ξ_iᵀ Σ_carried Γ` (Eq. 11).
+
+    Args:
+        tree: The mechanism.
+        motions: Motions of the bodies.
+        q: Joint coordinates, as by `Tree.started`.
+        wrenches: Wrench on each body in the base frame (6,), or its rows (6, k).
+    """
+    carried, felt = list(wrenches), list[np.ndarray]()
+    for i in reversed(range(len(tree.bodies))):
+        parent = tree.bodies[i].parent
+        if parent != BASE:
+            carried[parent] = carried[parent] + carried[i]
     for i, body in enumerate(tree.bodies):
-        rows = np.zeros((body.motions.shape[1], Y.shape[1]), Y.dtype)
         # The joint's twist in the base frame, like the wrench: power is the same in any frame.
         screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
-        for k in tree.carried(i):
-            if len(rows) and k in tree.inertial:
-                own = slice(10 * tree.inertial.index(k), 10 * tree.inertial.index(k) + 10)
-                rows[:, own] = screws.T @ Y[:, own]
-        felt.append(rows)
+        felt.append(screws.T @ carried[i])
     return tree.joint_sums(q, felt)
+
+
+def joint_torque_rows(tree: Tree, motions: list[BodyMotion], q: np.ndarray, Y: np.ndarray) -> np.ndarray:
+    """Regressor of the joint torques (n, 10 b), from that of the wrench."""
+    rows = [np.zeros(Y.shape, Y.dtype) for _ in tree.bodies]
+    for k, i in enumerate(tree.inertial):
+        own = slice(10 * k, 10 * k + 10)
+        rows[i][:, own] = Y[:, own]
+    return joint_torques(tree, motions, q, rows)
 
 
 def _moved(parent: BodyMotion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BodyMotion:

@@ -1,4 +1,4 @@
-"""Regressors of the base wrench (Eq. 14) and of the joint torques (Eq. 11), for many samples at once.
+"""Regressors of the base wrench (Eq. 14) and joint torques (Eq. 11), their derivatives, and inverse dynamics.
 
 `ident.model.closed_form` has the equations for one sample. They are recorded once for a mechanism, and the operations
 that the requested columns need are run on a few thousand samples at a time, with samples along the last axis for the
@@ -7,6 +7,7 @@ cache. `ident.model.dim` computes the same matrices equation by equation.
 
 import operator
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from ident.annotations import typed
 from ident.arguments import checked_names
 from ident.errors import InputError
+from ident.geometry.se3 import pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.axes import Axes
-from ident.model.tape import Program, Tape, uncollected
+from ident.model.tape import Program, Tape, gradient, uncollected
 from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK, LEAST_CHUNK = 4096, 1024
@@ -262,3 +264,101 @@ def program_inputs(tree: Tree, motion: Motion, gravity: np.ndarray) -> np.ndarra
         rows += [w.T, base.dV[:, 3:].T, (base.dV[:, :3] + np.cross(w, v) - down).T]
     out = np.empty((sum(map(len, rows)), len(motion)))
     return np.concatenate(rows, out=out)
+
+
+def pulled_back(
+    mechanism: Mechanism, motion: Motion, columns: Sequence[int], adjoints: np.ndarray, *, torques: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of a function f of a regressor with respect to the motion, for a base at rest.
+
+        Ȳ = ∂f/∂Y   ->   ∂f/∂(q, q̇, q̈) = Σ Ȳ · ∂Y/∂(q, q̇, q̈)
+
+    With Ȳ among the inputs, one sweep over the recorded equations takes a few times as long as Y, whatever the number
+    of joints.
+
+    Args:
+        mechanism: The mechanism, of n velocities.
+        motion: Joint states of N samples.
+        columns: Indices of the regressor's columns in the function (k,).
+        adjoints: Derivatives Ȳ with respect to the regressor's entries (N, rows, k).
+        torques: True if the rows are the joints' torques instead of the base wrench.
+
+    Returns:
+        Derivatives with respect to q (N, n_q), q̇ and q̈ (N, n).
+
+    Raises:
+        InputError: The motion does not fit the mechanism, its base moves, or the adjoints do not fit both.
+    """
+    motion, tree = motion.checked(mechanism.tree), mechanism.tree
+    shape = len(motion), len(tree.freedoms) if torques else 6, len(columns)
+    if motion.base is not None or adjoints.shape != shape:
+        raise InputError(f"A base at rest and adjoints of shape {shape} are needed, got {adjoints.shape}.")
+    states = program_inputs(tree, motion, mechanism.gravity)
+    gravity = tuple(mechanism.gravity.astype(float).tolist())
+    program = _derivatives(tree, gravity, tuple(columns), torques)
+    out = np.zeros((len(states), len(motion)))
+    program.fill(out)
+    at_once = chunk(program)
+    for start in range(0, len(motion), at_once):
+        part = slice(start, start + at_once)
+        seeds = adjoints[part].transpose(2, 1, 0).reshape(-1, len(motion[part]))
+        program.run(np.concatenate([states[:, part], seeds]), out[:, part])
+    q, _, dq, ddq = np.split(out.T, np.cumsum([tree.size, len(tree.dependent), len(tree.freedoms)]), axis=1)
+    return q, dq, ddq
+
+
+@lru_cache(maxsize=16)
+def _derivatives(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], torques: bool) -> Program:
+    """Program from joint states and adjoints (columns, rows), flattened, to the derivatives with respect to states."""
+    states = tree.size + len(tree.dependent) + 2 * len(tree.freedoms)
+    tape = Tape(states + len(columns) * (len(tree.freedoms) if torques else 6))
+    inputs = np.array(tape.inputs)
+    Y = one_sample(tree, np.array(gravity), columns, inputs[:states], torques)
+    return Program.of(tape, gradient(Y @ inputs[states:], tape.inputs[:states]))
+
+
+def inverse_dynamics(
+    tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.ndarray, longer: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wrench on the mechanism in the base frame (N, 6), and joint torques (N, n), for given parameters.
+
+    It takes a fraction of the regressor's operations; φ, gravity and lengths are inputs of the recorded equations.
+
+    Args:
+        tree: The mechanism of b bodies with φ.
+        motion: Its motion (N samples).
+        phi: Parameters of the bodies (10 b,).
+        gravity: Acceleration of gravity, in the inertial frame if the base moves, else in the base frame (3,).
+        longer: Relative increase of every body's distance from its parent's frame, None for none (bodies,).
+
+    Raises:
+        InputError: The motion does not fit the mechanism.
+    """
+    motion, moving = motion.checked(tree), motion.base is not None
+    program = _dynamics(tree, moving, longer is not None)
+    lengths = np.zeros(0) if longer is None else 1 + longer
+    constants = np.concatenate([np.zeros(0) if moving else -np.asarray(gravity, float), phi, lengths])
+    out = np.zeros((program.results, len(motion)))
+    program.fill(out)
+    for first in range(0, len(motion), CHUNK):
+        part = slice(first, first + CHUNK)
+        program.run(program_inputs(tree, motion[part], gravity), out[:, part], constants)
+    return out[:6].T, out[6:].T
+
+
+@lru_cache(maxsize=64)
+@uncollected()
+def _dynamics(tree: Tree, moving: bool, stretched: bool) -> Program:
+    """Program that computes wrench and torques from `program_inputs`, acceleration at rest, φ, and relative lengths."""
+    ends = freedoms(tree)
+    ends = np.append(ends, ends[-1] + np.cumsum([9 if moving else 3, 10 * len(tree.inertial)]))
+    tape = Tape(int(ends[-1]) + stretched * len(tree.bodies))
+    q, dq, ddq, root, phi, lengths = np.split(np.array(tape.inputs), ends)
+    if stretched:
+        pairs = zip(tree.bodies, lengths, strict=True)
+        bodies = (replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] * length)) for body, length in pairs)
+        tree = replace(tree, bodies=tuple(bodies))
+    w, dw, a = root.reshape(3, 3) if moving else (np.zeros(3), np.zeros(3), root)
+    motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+    wrenches = closed_form.body_wrenches(tree, motions, phi)
+    return Program.of(tape, [*np.sum(wrenches, axis=0), *closed_form.joint_torques(tree, motions, q, wrenches)])

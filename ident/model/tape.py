@@ -3,13 +3,18 @@
 Formulas are evaluated with `Signal`s in place of numbers, in arrays of dtype object, and every operation is recorded on
 a `Tape`. Zeros and ones are folded, repeated operations are recorded once, and a `Program` keeps only the operations
 that its results need. Terms that are zero or constant for a mechanism's geometry therefore cost nothing.
+
+Derivatives are further signals of the same tape, by reverse-mode differentiation: backwards from a result y, the
+adjoint x̄ = ∂y/∂x of every operand is increased by ȳ times the operation's derivative (Griewank and Walther,
+*Evaluating Derivatives*, 2008, doi:10.1137/1.9780898717761).
 """
 
 import gc
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heappop, heappush
 from typing import cast
 
 import numpy as np
@@ -157,6 +162,54 @@ def _by_age(one: Signal, other: Signal) -> tuple[Signal, Signal]:
 
 Step = tuple[np.ufunc | None, tuple[Signal | Number, ...]]
 """An operation and its operands."""
+
+
+Value = Signal | Number
+
+_DERIVATIVES: dict[np.ufunc, Callable[..., tuple[Value, ...]]] = {
+    np.negative: lambda y, a, x: (-a,),
+    np.add: lambda y, a, x, z: (a, a),
+    np.subtract: lambda y, a, x, z: (a, -a),
+    np.multiply: lambda y, a, x, z: (a * z, a * x),
+    np.divide: lambda y, a, x, z: (a / z, -(a * y / z)),
+    np.sin: lambda y, a, x: (a * x.cos(),),
+    np.cos: lambda y, a, x: (-(a * x.sin()),),
+    np.tanh: lambda y, a, x: (a - a * (y * y),),
+}
+"""Adjoints of the operands, from the result y, its adjoint a, and the operands."""
+
+
+def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
+    """Derivatives of a result with respect to inputs of its tape.
+
+    Args:
+        result: A signal, or a number, whose derivatives are zero.
+        inputs: Inputs of the tape.
+
+    Returns:
+        For each input a signal, or a number if the derivative is constant.
+    """
+    if not isinstance(result, Signal):
+        return [0.0] * len(inputs)
+    tape = result.tape
+    adjoints: dict[int, Value] = {result.index: 1.0}
+    # Steps that the result depends on, the latest first.
+    ahead = [-result.index]
+    while ahead:
+        index = -heappop(ahead)
+        step = tape.steps[index]
+        operation, operands = step
+        if operation is None:
+            continue
+        parts = _DERIVATIVES[operation](tape.results[step], adjoints[index], *operands)
+        for operand, part in zip(operands, parts, strict=True):
+            if isinstance(operand, Signal):
+                if operand.index in adjoints:
+                    adjoints[operand.index] += part
+                else:
+                    adjoints[operand.index] = part
+                    heappush(ahead, -operand.index)
+    return [adjoints.get(signal.index, 0.0) for signal in inputs]
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
 """Base parameters, the identifiable combinations of φ: rank, selection of independent columns, regrouping (Eq. 4)."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import linalg
 
 from ident.annotations import WORDS, typed
 from ident.arguments import check_type, described
@@ -13,7 +12,6 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
-from ident.mechanism.loops import alignments
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
@@ -38,11 +36,6 @@ class BaseParameters(Brief):
         passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
             errors would be large; columns further right are kept instead. If this is empty and no names are pinned, the
             kept columns are the first independent ones, left to right.
-        angles: Angles between axes in loops that count as parallel, rad, by the names of their joints: a model's
-            digits, and those without which its loops do not move.
-        by_digits: Names of further columns that only these angles make independent.
-        skew: Angles of other axes in loops that are nearly parallel.
-        by_angles: Names of base parameters that only these make independent.
     """
 
     parameters: tuple[str, ...]
@@ -51,10 +44,6 @@ class BaseParameters(Brief):
     beta: np.ndarray
     gap: tuple[float, float]
     passed_over: tuple[str, ...] = ()
-    angles: Mapping[str, float] = field(default_factory=dict)
-    by_digits: tuple[str, ...] = ()
-    skew: Mapping[str, float] = field(default_factory=dict)
-    by_angles: tuple[str, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -75,19 +64,9 @@ class BaseParameters(Brief):
 
     @property
     def remark(self) -> str:
-        """Sentences on the columns passed over and on those by angles between axes, empty if there are none."""
+        """A sentence on the columns passed over, empty if there are none."""
         later = "Later parameters are base parameters instead of these, which nearly depend on earlier ones"
-        angles = self.angles, self.skew
-        off = [", ".join(f"{joint} {angle:.2g} rad" for joint, angle in each.items()) for each in angles]
-        near, skew = (f"Axes in loops are nearly parallel ({each} off)" for each in off)
-        more = f"and count as parallel; only these angles would add {len(self.by_digits)} to the"
-        counted = f"; only these angles add {len(self.by_angles)} of the {self.rank} base parameters"
-        sentences = (
-            (later, self.passed_over),
-            (f"{near} {more} {self.rank} base parameters", self.by_digits),
-            (f"{skew}{counted}, so align the axes if they are meant to be parallel", self.by_angles),
-        )
-        return " ".join(f"{text}: {', '.join(names)}." for text, names in sentences if names)
+        return f"{later}: {', '.join(self.passed_over)}." if self.passed_over else ""
 
     @property
     def _in_short(self) -> dict[str, object]:
@@ -177,7 +156,7 @@ def _of_structure(
 ) -> BaseParameters:
     """Regrouping of a mechanism, exact if its numbers are."""
     if mechanism.tree.followers or mechanism.tree.closure:
-        return _of_samples(mechanism, sensors, names, kept)
+        return _of_columns(unit_columns(sampled_structure(mechanism, sensors)), 1.0, names, kept)
     structure, units = scaled_structure(mechanism, sensors)
     if structure.is_exact:
         if kept is not None:
@@ -212,41 +191,6 @@ def _of_columns(
     sizes = norms * units
     beta = made * sizes[others] / sizes[chosen][:, None]
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
-
-
-def _of_samples(
-    mechanism: Mechanism, sensors: Sensors | None, names: tuple[str, ...], kept: Sequence[str] | None
-) -> BaseParameters:
-    """Regrouping of a mechanism with followers or loops, in which axes are parallel that have to be."""
-    needed, every = alignments(mechanism.tree)
-
-    def rows(tree: Tree) -> np.ndarray:
-        return sampled_structure(replace(mechanism, tree=tree), sensors)
-
-    Y, base = rows(mechanism.tree), None
-    columns = unit_columns(Y)
-    if needed.angles:
-        aligned = rows(needed.tree)
-        parallel = _of_columns(unit_columns(aligned), 1.0, names, kept)
-        rank = independent_columns.numerical_rank(columns.singular_values, independent_columns.NEGLIGIBLE)
-        if more := _independent_beyond(parallel, Y, rank, parallel.dependent):
-            Y, base = aligned, replace(parallel, angles=needed.angles, by_digits=more)
-    base = base or _of_columns(columns, 1.0, names, kept)
-    if every.angles != needed.angles:
-        parallel = _of_columns(unit_columns(rows(every.tree)), 1.0, names, None)
-        if more := _independent_beyond(parallel, Y, base.rank, base.kept):
-            skew = {joint: angle for joint, angle in every.angles.items() if joint not in base.angles}
-            base = replace(base, skew=skew, by_angles=more)
-    return base
-
-
-def _independent_beyond(base: BaseParameters, Y: np.ndarray, rank: int, among: Sequence[int]) -> tuple[str, ...]:
-    """Names of columns, among some, that make up a regressor's (…, P) rank beyond that of base parameters."""
-    chosen = np.isin(base.dependent, among)
-    others = np.array(base.dependent)[chosen]
-    left = Y[..., others] - base.reduce(Y) @ base.beta[:, chosen]
-    order = linalg.qr(left.reshape(-1, left.shape[-1]), mode="r", pivoting=True)[1]
-    return tuple(base.parameters[others[k]] for k in sorted(order[: max(rank - base.rank, 0)]))
 
 
 def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:

@@ -104,8 +104,8 @@ def moving(mechanism: Mechanism, recording: Recording) -> tuple[Mechanism, Recor
     tree, recording, notes = _along(mechanism.tree, recording)
     mechanism = replace(mechanism, tree=tree)
     if carrier := mechanism.carrier:
-        carrier = carrier.closed([joint for joint in carrier.joints if f"{joint}_position" not in measured])
-        tree, recording, more = _along(carrier.tree, recording)
+        lacking = [joint for joint in carrier.joints if f"{joint}_position" not in measured]
+        tree, recording, more = _along(carrier.constraints.closing(carrier.tree, lacking), recording)
         mechanism, notes = replace(mechanism, carrier=replace(carrier, tree=tree)), more + notes
     return mechanism, recording, notes
 

@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
 from ident.geometry.se3 import pose, rotation
-from ident.mechanism.constraint import Coincidence, Constraint, Relation
+from ident.mechanism.loops import Coincidence, Relation, Row
 from ident.mechanism.tree import Tree
 from sim.models.notes import body_name, joint_name, name_of, note
 
@@ -39,7 +39,7 @@ class Coupling(NamedTuple):
     kind: str
     bodies: set[int]
     joints: set[str] | None
-    row: Constraint | None = None
+    row: Row | None = None
     soft: bool = False
 
     def __str__(self) -> str:
@@ -159,9 +159,7 @@ def _refuse(acting: Sequence[Coupling], why: str) -> None:
         )
 
 
-def _of_joints(
-    model: mujoco.MjModel, name: str, kind: str, joints: Sequence[int], row: Constraint | None = None
-) -> Coupling:
+def _of_joints(model: mujoco.MjModel, name: str, kind: str, joints: Sequence[int], row: Row | None = None) -> Coupling:
     """A coupling of joints, which acts on the bodies on both sides of each."""
     bodies = {int(model.jnt_bodyid[j]) for j in joints}
     sides = bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}

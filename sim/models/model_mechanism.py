@@ -35,7 +35,7 @@ from sim.models.mujoco_model import (
     rest_coordinates,
     tree_from_model,
 )
-from sim.models.notes import body_name, joint_name, name_of, note, note_units
+from sim.models.notes import body_name, constrained, joint_name, name_of, note, note_units
 from sim.models.opensim_model import is_opensim, mechanism_from_opensim
 from sim.models.urdf import transmissions
 
@@ -123,9 +123,9 @@ def _from_mujoco(
     rows = (each.row for each in couplings(model) if each.row and each.name not in ignore)
     inside = tuple(row for row in rows if {*row.bodies} <= {*tree.names})
     held = {body.name: posture[body.still] for body in tree.bodies if body.still}
-    constraints = Constraints(inside, posture).fixed(held, tree).checked(tree)
-    loops = loops_of(model, tree, [row.name for row in constraints.rows])
-    arm = replace(arm, loops=loops, constraints=constraints).rested()
+    arm = constrained(arm, Constraints(inside, posture).fixed(held, tree))
+    loops = loops_of(model, arm.tree, [row.name for row in arm.constraints.rows])
+    arm = replace(arm, loops=loops).rested()
     if arm.loose:
         note(
             f"Constraints and actuators leave {', '.join(arm.loose)} free, which only springs, limits or contacts "

@@ -4,6 +4,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ident.display.brief import listed
 from ident.errors import ModelError
 from ident.geometry.inertia import com_from_parameters
+from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 
 _STEMS = {
@@ -123,6 +125,22 @@ def refusals(source: object) -> Iterator[None]:
 
 UNITS = {"kg cm², or in g mm² with masses in g": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 """Units in which inertias are given by mistake, kg m²."""
+
+
+def constrained(arm: Mechanism, constraints: Constraints) -> Mechanism:
+    """The mechanism with constraints, and with those axes of its loops parallel that nearly are.
+
+    Warns:
+        ModelNote: There are such axes.
+
+    Raises:
+        ModelError: Constraints contradict each other, or their numbers are beyond all use.
+    """
+    tree, angles = constraints.aligned(arm.tree)
+    if angles:
+        off = ", ".join(f"{joint} {angle:.2g} rad" for joint, angle in angles.items())
+        note(f"Axes in loops that are nearly parallel count as parallel ({off} off), as loops move only then.")
+    return replace(arm, tree=tree, constraints=constraints.checked(tree))
 
 
 def note_units(arm: Mechanism) -> None:

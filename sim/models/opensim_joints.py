@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.errors import ModelError
-from ident.mechanism.constraint import Coincidence
+from ident.mechanism.loops import Coincidence
 from sim.models.opensim_elements import (
     GROUND,
     IDENTITY,

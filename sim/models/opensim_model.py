@@ -16,7 +16,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
 from sim.models.inertials import Update, by_body, is_balanced, stated_parts
-from sim.models.notes import note
+from sim.models.notes import constrained, note
 from sim.models.opensim_elements import (
     Frames,
     label,
@@ -112,10 +112,10 @@ def mechanism_from_opensim(
         sites = {name: (place.body, place.pose) for name, place in places.items() if place.body in bodies}
         read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
-        constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree).checked(tree)
+        constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree)
         if closing := [row.name for row in constraints.rows]:
             note(f"By {', '.join(closing)}, joints without a column follow from the others.")
-        return replace(read, centre_std=OF_PEOPLE, constraints=constraints).rested()
+        return replace(constrained(read, constraints), centre_std=OF_PEOPLE).rested()
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:

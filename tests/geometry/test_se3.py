@@ -9,7 +9,7 @@ from ident.geometry import inertia, se3
 from ident.geometry.se3 import Ad, hat
 
 
-@pytest.fixture(params=range(3))
+@pytest.fixture(params=range(2))
 def rng(request):
     return np.random.default_rng(request.param)
 

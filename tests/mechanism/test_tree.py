@@ -42,7 +42,7 @@ def test_merged_welds_need_the_same_wrench_and_torques(seed):
         close(of(merged, *states, gravity=GRAVITY) @ (X @ phi), of(tree, *states, gravity=GRAVITY) @ phi)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_fixed_joints_stand_still(seed):
     """Regressors of the tree with these joints' coordinates constant and their rates zero."""
     rng = np.random.default_rng(seed)

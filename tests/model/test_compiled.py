@@ -10,7 +10,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
-from ident.model import adjoint, compiled, regressor
+from ident.model import compiled, regressor, tape
 from ident.model.compiled import BLOCK, OTHERS
 from ident.model.tape import Program, Tape
 
@@ -45,7 +45,7 @@ def test_regressors_of_random_trees_are_those_of_numpy(seed, samples):
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize(("seed", "bodies", "samples"), [(0, 2, BLOCK), (1, 2, BLOCK + 1), (2, 4, 333), (3, 3, 1000)])
+@pytest.mark.parametrize(("seed", "bodies", "samples"), [(0, 2, BLOCK), (1, 2, BLOCK + 1), (2, 4, 333)])
 def test_gram_matrices_are_those_of_blas(seed, bodies, samples, weighted):
     """Few columns and many, with constant offsets and weights, and overlapping blocks."""
     rng = np.random.default_rng(seed)
@@ -74,7 +74,7 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
 
 def test_every_operation_of_the_tape_is_known():
     known = {np.negative, np.positive, np.add, np.subtract, np.multiply, *OTHERS}
-    assert set(adjoint._DERIVATIVES) | {np.positive} == known
+    assert set(tape._DERIVATIVES) | {np.positive} == known
 
 
 INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
@@ -97,7 +97,7 @@ def random_program(rng, length):
     return Program(INPUTS, NUMBERS, RESULTS, REGISTERS, (), tuple(code))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_programs_that_combine_operations_give_what_numpy_gives(seed):
     rng = np.random.default_rng(seed)
     for length in range(1, 20):

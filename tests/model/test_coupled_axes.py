@@ -56,16 +56,3 @@ def test_derivatives_of_coupled_drives_are_those_of_differences():
     step[1, :, 0] = 1e-6
     difference = (m.values(states + step, wrenches, theta) - m.values(states - step, wrenches, theta)) / 2e-6
     np.testing.assert_allclose(by_states[:, 1, 0], difference, atol=1e-5 * abs(difference).max())
-
-
-def test_motors_of_one_joint_each_are_the_joints_but_for_their_gears():
-    gears = np.array([1.0, 20.0])
-    m, _, states, wrenches, theta = coupled(0, np.diag(gears))
-    alone = replace(m.equations, couplings={}, drives=())
-    alone = replace(m, equations=alone.with_drives(drives_of(alone.axes, tuple(DRIVE), alone.torques)))
-    at = dict(zip(m.names, theta, strict=True))
-    for k, gear in enumerate(gears):
-        for column, power in {"Ia": 2, "Fv": 2, "Fc": 1, "Fs": 1}.items():
-            at[f"{column}({m.tree.freedoms[k]})"] = at[f"{column}(wrist {k + 1})"] * gear**power
-    expected = alone.values(states, wrenches, np.array([at[name] for name in alone.names]))
-    np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-12 * abs(expected).max())

@@ -13,7 +13,7 @@ from ident.mechanism.motion import Motion
 from ident.model import dim
 
 
-@pytest.fixture(params=range(4))
+@pytest.fixture(params=range(2))
 def rng(request):
     return np.random.default_rng(request.param)
 

@@ -12,9 +12,7 @@ from ident.geometry.se3 import pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import dim, regressor
-from ident.model.adjoint import pulled_back
-from ident.model.inverse_dynamics import inverse_dynamics
-from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, inverse_dynamics, joint_torque_regressor, pulled_back
 
 BOTH = (base_wrench_regressor, joint_torque_regressor)
 

@@ -11,7 +11,7 @@ from commands import sentence_of
 
 from ident.estimation.equations import stated_drive_torques
 from ident.mechanism.body import Follower
-from ident.mechanism.constraint import Relation
+from ident.mechanism.loops import Relation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_mechanism import mechanism, shapes
