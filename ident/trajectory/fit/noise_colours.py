@@ -164,7 +164,7 @@ class _Bands(NamedTuple):
         band: Band of each (F,).
         matrix: One where a frequency is in a band (B, F).
         kinds: Spectra of every kind of noise of unit variance (b, F).
-        clear: Mean square of the weights of the samples from which noise is estimated (s,).
+        clear: Share of the samples from which noise is estimated (s,).
         observed: Power of the residuals (B, s).
     """
 
@@ -187,7 +187,7 @@ class _Bands(NamedTuple):
         matrix = (band == np.arange(BANDS)[:, None]).astype(float)
         signal = taper(N)[:, None] * stream.new.residual * stream.clear / stream.std
         observed = matrix @ np.abs(np.fft.rfft(signal, axis=0)) ** 2 / N
-        return cls(frequency, band, matrix, kinds, (stream.clear**2).mean(axis=0), observed)
+        return cls(frequency, band, matrix, kinds, stream.clear.mean(axis=0), observed)
 
     def summed(self, share: np.ndarray) -> np.ndarray:
         """Power of each kind of noise in the bands, of which a share is left at every frequency (F, s): (b, B, s)."""

@@ -74,8 +74,19 @@ class Stream:
 
     @cached_property
     def clear(self) -> np.ndarray:
-        """Weights of the samples from which noise is estimated, zero for others: those in the fit, as the score's."""
-        return np.asarray((self.new.there & (self.new.clarity > CLEAR)) * self.new.weight)
+        """Mask of the samples from which noise is estimated (N, s): there is little slack, and they are no outliers."""
+        return np.asarray(self.new.there & (self.new.clarity > CLEAR) & (self.new.weight == 1))
+
+    @cached_property
+    def beyond_noise(self) -> np.ndarray:
+        """Standard deviations of the error in addition to noise (N, s): slack, and of outliers what they have more.
+
+        What a motion that jumps leaves between knots is where it is, and no noise of all samples: it counts for the
+        parameters that these samples tell (heteroscedasticity-consistent; White, Econometrica 48, 1980,
+        doi:10.2307/1912934).
+        """
+        more = np.where(self.new.weight < 1, np.maximum(self.new.residual**2 - self.std**2, 0), 0)
+        return np.asarray(np.sqrt(more if self.slack is None else more + self.slack**2))
 
     @cached_property
     def scale(self) -> np.ndarray:

@@ -25,6 +25,10 @@ from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, resp
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.repeats import RepeatedMotion, repetitions
 
+LITTLE = 0.01
+"""Correlation up to which rows are taken as alike in all periods, without sums: chance makes that of 10,000 samples,
+and sums of long recordings take much memory."""
+
 ALL = -1
 """Index of what repeats in all recordings of a motion, beside those of recordings."""
 
@@ -55,13 +59,13 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         motion = again.motion
         first = np.cumsum([0, *(len(stream.std) for stream in here.streams)]).tolist()
         # A share of the pieces has few partners one period later: its rows, too, are taken as alike in all periods.
-        summed = every & (motion.correlation[0] > 0)
+        summed = every & (motion.correlation[0] > LITTLE)
         alone = np.where(summed, 1 - motion.correlation[0], motion.factor)
         for which, stream in enumerate(here.streams):
             for some, rows in here.blocks(which):
                 pulls = stream.weighted(rows, some)
-                if stream.slack is not None:
-                    loose = stacked(stream.slack[:, some, None] * pulls)
+                if (beyond := stream.beyond_noise[:, some]).any():
+                    loose = stacked(beyond[..., None] * pulls)
                     scatter += loose.T @ loose
                 pulls *= stream.std[some, None]
                 halves = np.empty_like(pulls)
