@@ -499,6 +499,11 @@ class Study:
         return np.concatenate([each.z for each in self.truths.values()] or [np.zeros(0)])
 
     @property
+    def truth_errors(self) -> np.ndarray:
+        """Relative errors of all known parameters whose 95 % intervals exclude zero."""
+        return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
+
+    @property
     def trial_z(self) -> dict[str, np.ndarray]:
         """Differences between two recordings of one system, of `bodies` and rotors, of `friction`, and the `unusable`.
 

@@ -160,6 +160,7 @@ def from_markers(
     size: tuple[float, float],
     rng: np.random.Generator,
     felt: Recording,
+    base: str = BASE,
 ) -> Recording:
     """Recording with angles and base pose fitted to noisy markers, as by `multicontact angles`.
 
@@ -174,6 +175,7 @@ def from_markers(
         size: Standard deviations of the markers' positions and of the skin's motion, m.
         rng: Random generator of all noise.
         felt: Measurements of plates and rail on the same clock.
+        base: The root body.
     """
     marked, places = _marked(who)
     poses = tree.poses(motion.q)
@@ -192,7 +194,7 @@ def from_markers(
         measured.append(at + noise * rng.normal(size=at.shape))
     postures = fit_trial(marked, np.stack(measured, axis=1))
     check_fit(postures)
-    return recording(postures, time, BASE, {"sigma_m": postures.sigma}, felt)
+    return recording(postures, time, base, {"sigma_m": postures.sigma}, felt)
 
 
 def _turned(coordinates: np.ndarray) -> np.ndarray:

@@ -8,9 +8,11 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.studies.person_recordings import autoregressive
+from ident.trajectory.algebra.whitening import innovations
 from ident.trajectory.fit import noise_colours, sandwich
 from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
 from ident.trajectory.fit.repeats import RepeatedMotion
+from ident.trajectory.fit.response import Stream
 from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
@@ -39,11 +41,15 @@ def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
 @pytest.mark.parametrize("start", [1.0, 3.0])
 @pytest.mark.parametrize("r", [0.0, 0.4, 1.0])
 def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
-    """For unit white weights, of two pieces, of which a part r of the noise repeats the other's: against dense sums."""
+    """For unit white weights, of two pieces, of which a part r of the noise repeats the other's: against dense sums.
+
+    One sample of each is an outlier.
+    """
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
     times = [first + STEP * np.arange(50) for first in (0.0, start)]
+    beyond, std = np.where(np.arange(50)[:, None] == 20, 3.0, 0.0), np.array([2.0])
     streams = [
-        SimpleNamespace(weighted=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP, time=time)
+        SimpleNamespace(weighted=lambda x, some: x.copy(), beyond_noise=beyond, std=std, step=STEP, time=time)
         for time in times
     ]
     responses = iter(
@@ -69,7 +75,8 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start, r):
     sums = np.zeros((round(start / STEP), 2))
     for at, own in zip((0, len(sums)), parts, strict=True):
         np.add.at(sums, (at + np.arange(50)) % len(sums), own)
-    expected = 2 * of_motion + 4 * ((1 - r) * apart + r * dense(sums, AMPLITUDES[:, 0], around=start))
+    outliers = 9 * rows[:, 20, 0].T @ rows[:, 20, 0]
+    expected = 2 * of_motion + outliers + 4 * ((1 - r) * apart + r * dense(sums, AMPLITUDES[:, 0], around=start))
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
 
 
@@ -115,3 +122,13 @@ def test_noise_of_many_streams_is_estimated_from_fewer_pieces_of_every_recording
     monkeypatch.setattr(noise_colours, "ROOM", room)
     monkeypatch.setattr(noise_colours, "response_of", lambda measurement, fit, k: k)
     assert [*noise_colours.some_responses(None, SimpleNamespace(pieces=pieces, **streams))] == [*chosen]
+
+
+def test_outliers_are_no_noise_of_all_samples_but_errors_of_their_own():
+    """Of noise of .1, one sample that is 2 off, with slack and without."""
+    residual, slack = np.full((9, 1), 0.05), np.zeros((9, 1))
+    residual[4], slack[:2] = -2.0, 0.3
+    new = innovations(residual, np.zeros(9, int), np.array([0.1]), np.zeros(1), slack)
+    stream = Stream(np.arange(9.0), None, None, new, np.array([0.1]), slack)
+    assert np.flatnonzero(~stream.clear).tolist() == [0, 1, 4]
+    np.testing.assert_allclose(stream.beyond_noise[:, 0], [0.3, 0.3, 0, 0, np.sqrt(2.0**2 - 0.1**2), 0, 0, 0, 0])
