@@ -244,6 +244,7 @@ def test_the_command_weighs_a_load(files, arm, load, logs, capsys, monkeypatch):
     [
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
         ({"mass": -1.0}, "mass needs a number above 0"),
+        ({"mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
         ({"loaded": []}, "A load needs recordings without it and with it"),
     ],
 )

@@ -1,10 +1,11 @@
-"""Tables in a journal's style: LaTeX with adjustbox, booktabs, siunitx, tabularx and threeparttable."""
+"""Tables in a journal's style: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import compress, groupby, pairwise
+from math import ceil
 
 from experiments.document import typography
 from experiments.document.figures import SHEET
@@ -18,8 +19,22 @@ NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
 LONG = 28
 """Number of letters above which a cell may break into lines."""
 
-PACKAGES = "adjustbox,booktabs,siunitx,tabularx,threeparttable"
+PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
 """LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """A font size: its LaTeX command, and approximate widths of letters and gaps and height of lines, pt."""
+
+    command: str
+    letter: float
+    gap: float
+    line: float
+
+
+NORMAL = Size(r"\footnotesize", 4.4, 12.0, 9.6)
+SMALL = Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
 
 
 @dataclass(frozen=True)
@@ -57,11 +72,15 @@ class Column:
         return f"{sign}{whole}.{decimals}{exponent}"
 
     @property
-    def width(self) -> float:
-        """Approximate width, pt: of a letter 4.4, of a gap 12; a number has all digits that any of its column has."""
+    def _room(self) -> int:
+        """Letters of a number with as many digits before and after the point as any of its numbers."""
+        return sum(int(each) if each.isdigit() else 1 for each in re.findall(r"\d+|[^\d]", self.shape))
+
+    def width(self, size: Size) -> float:
+        """Approximate smallest width, pt."""
         words = max(len(line) for line in (*lines_of(self.head), *lines_of(self.remark)))
-        digits = sum(int(each) if each.isdigit() else 1 for each in re.findall(r"\d+|[^\d]", self.shape))
-        return 4.4 * max([words, digits, *(min(letters_of(cell), LONG) for cell in self.cells)]) + 12
+        widest = max([words, self._room, *(min(letters_of(cell), LONG) for cell in self.cells)])
+        return size.letter * widest + size.gap
 
 
 def lines_of(head: str) -> list[str]:
@@ -132,17 +151,51 @@ def text_with_symbols(text: str) -> str:
 
 
 def tex(table: Table, label: str = "") -> str:
-    """A float over one column of the page, or over both if it is wide, made smaller if it is too large for a page."""
+    """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
     table = table.filled()
     columns, caption, notes = _columns(table), _caption(table.caption or table.title), _notes(table)
-    star = "*" if sum(column.width for column in columns) > 72.27 * SHEET.column else ""
-    name = f"\\label{{tab:{label}}}" if label else ""
-    return (
-        f"% \\usepackage{{{PACKAGES}}}\n\\begin{{table{star}}}\n\\centering\\footnotesize\n"
-        "\\begin{adjustbox}{max totalsize={\\linewidth}{0.9\\textheight}}\n\\begin{threeparttable}\n"
-        f"\\caption{{{caption}}}{name}\n{_tabular(columns)}{notes}"
-        f"\\end{{threeparttable}}\n\\end{{adjustbox}}\n\\end{{table{star}}}\n"
-    )
+    narrow, wide, height = (72.27 * inches for inches in (SHEET.column, SHEET.text, SHEET.height))
+    needed = sum(column.width(NORMAL) for column in columns)
+    star, room = ("*", wide) if needed > narrow else ("", narrow)
+    size, keys = NORMAL if needed <= room else SMALL, 1 + (len(columns) > len(table.columns))
+    parts = typography.parts(columns, keys, lambda part: sum(each.width(size) for each in part) <= room)
+    if len(parts) > 1:
+        parts = [_with_cells(part, keys) for part in parts]
+    floats: list[str] = []
+    for rows in (page for part in parts for page in _pages(part, size, room, height)):
+        continued = r" \emph{(continued)}" if floats else ""
+        name = f"\\label{{tab:{label}}}" if label and not floats else ""
+        same = "\\addtocounter{table}{-1}\n" if floats else ""
+        floats.append(
+            f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
+            f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{notes}"
+            f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
+        )
+    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
+
+
+def _with_cells(columns: Sequence[Column], keys: int) -> list[Column]:
+    """A set of columns without the rows that are empty beyond the first `keys` columns."""
+    kept = [any(cells) for cells in zip(*(column.cells for column in columns[keys:]), strict=True)]
+    return [replace(column, cells=[*compress(column.cells, kept)]) for column in columns]
+
+
+def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> Iterator[list[Column]]:
+    """Yields the columns' rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
+    # Heads, rules and notes take about 60 pt.
+    most = (height - 60) / size.line
+    long = [column for column in columns if column.long]
+    left = room - sum(column.width(size) for column in columns if not column.long)
+    letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
+    number = len(columns[0].cells)
+    starts, used = [0], 0
+    for row in range(number):
+        lines = max([1, *(ceil(letters_of(column.cells[row]) / letters) for column in long)])
+        if used and used + lines > most:
+            starts, used = [*starts, row], 0
+        used += lines
+    for start, end in pairwise([*starts, number]):
+        yield [replace(column, cells=column.cells[start:end]) for column in columns]
 
 
 def figure(name: str, caption: str, width: float) -> str:

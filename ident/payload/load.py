@@ -330,7 +330,7 @@ def identify_load(
         loaded: The same channels with the load.
         body: Name of the body that carries the load rigidly; by default the one that recordings state.
         mass: Mass of the load by a scale, kg: it fixes the scale of torques that is stated to be uncertain.
-        mass_std: Its standard deviation, kg; unused without it.
+        mass_std: Its standard deviation, kg.
         offsets: As for `identify`; so are `holdout` and `setup`.
         report: Called with every iteration of the estimates.
 
@@ -338,6 +338,8 @@ def identify_load(
         InputError: Something is missing or does not fit.
         ExcitationError: The motion does not separate the base parameters.
     """
+    if mass is None and mass_std:
+        raise InputError(f"mass_std is the standard deviation of mass, which is not given; got {mass_std:g}.")
     several = [[each] if isinstance(each, Recording) else list(each) for each in (without, loaded)]
     bodies = sorted({body, *(each.loaded for logs in several for each in logs)} - {""})
     if not several[1]:
