@@ -12,12 +12,12 @@ from registered import written as entry_file
 from stand_ins import Here, leave_undrawn, use_truth
 
 import scenes
-from experiments.cli.command import COMMANDS as MODULES
 from experiments.data import paper
 from experiments.document.writer import PAGE
 from experiments.runs import workers
 from experiments.studies import person_on_plates as persons_study
 from experiments.studies.validation.files import read_entry
+from multicontact.__main__ import COMMANDS as MODULES
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -106,7 +106,7 @@ COMMANDS = {
     "study": lambda folder: _run(folder, "study", "several_contacts", *SHORT),
     "paper": _paper,
 }
-"""Functions that write a command's page into `out` in a folder, by names of `experiments.cli.command`; 0 on success."""
+"""Functions that write a command's page into `out` in a folder, by names of `multicontact.__main__`; 0 on success."""
 
 PLACES = {"paper": "index.html", "sweep": f"multicontact/samples/{PAGE}"}
 

@@ -15,8 +15,8 @@ from studies.test_compare import result
 from studies.test_excite import FOLDING
 
 import scenes
-from experiments.cli.command import COMMANDS
 from ident.recordings.recording import STATES
+from multicontact.__main__ import COMMANDS
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 

@@ -23,10 +23,10 @@ import scenes
 from docs.tools.noise_recordings import sinusoids
 from experiments import identify, mechanism
 from experiments.cli import options, running
-from experiments.cli.command import COMMANDS, main
 from experiments.document.result_folder import version
 from experiments.runs import THREADS
 from ident.errors import ExcitationError, InputError, LogError, ModelError
+from multicontact.__main__ import COMMANDS, main
 from sim.simulation.simulate import simulate
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and pipes are otherwise elsewhere")
@@ -53,7 +53,7 @@ def test_what_users_do_wrong_is_one_sentence(capsys, kind):
 @posix
 def test_a_closed_pipe_ends_quietly(tmp_path):
     words = ["mechanism", "--formats", "none", "--out", str(tmp_path)]
-    code = f"import sys; from experiments.cli.command import main; sys.exit(main({words}))"
+    code = f"import sys; from multicontact.__main__ import main; sys.exit(main({words}))"
     here, there = os.pipe()
     os.close(here)
     ended = subprocess.run([sys.executable, "-c", code], stdout=there, stderr=subprocess.PIPE, text=True)
@@ -187,7 +187,7 @@ print('slow:', *({{*{UNUSED}}} & set(sys.modules)))"""
 TOP = Path(experiments.__file__).parent
 HELP = """
 import sys
-from experiments.cli.command import COMMANDS, parser
+from multicontact.__main__ import COMMANDS, parser
 parser().format_help()
 for command in COMMANDS.values():
     command.parser().format_help()
@@ -271,7 +271,7 @@ def test_the_shell_completes_commands_and_options(tmp_path):
         completions = tmp_path / "completions"
         shell = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "IFS": "\n", "_ARGCOMPLETE_IFS": "\n"}
         shell |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(completions)}
-        python("-c", "from experiments.cli.command import main; main()", **shell)
+        python("-c", "from multicontact.__main__ import main; main()", **shell)
         assert completions.read_text().split("\n") == expected
 
 

@@ -14,8 +14,8 @@ import experiments
 import scenes
 import sim
 from experiments import columns, identify, misaligned
-from experiments.cli.command import COMMANDS
 from experiments.document import figures
+from multicontact.__main__ import COMMANDS
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 ROOT = Path(experiments.__file__).parents[1]

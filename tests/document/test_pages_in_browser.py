@@ -9,7 +9,7 @@ import every_page
 import pytest
 from browser import browser, needs_browser
 
-from experiments.cli.command import COMMANDS
+from multicontact.__main__ import COMMANDS
 
 pytestmark = [needs_browser, pytest.mark.slow]
 AXE = os.environ.get("MULTICONTACT_AXE", "")

@@ -11,13 +11,13 @@ from persons import briefly
 from stand_ins import Here, leave_undrawn, use_truth
 
 from experiments.__main__ import main as everything
-from experiments.cli.command import main
 from experiments.data import paper
 from experiments.document.figures import SHEET
 from experiments.reports import paper_report
 from experiments.runs import workers
 from experiments.studies import person_on_plates
 from ident.geometry.se3 import exp
+from multicontact.__main__ import main
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
