@@ -3,8 +3,8 @@
     c(q_a, q_d) = 0        q̇_d = G q̇_a,  G = -J_d⁺ J_a        q̈_d = -J_d⁺ (J_a q̈_a + J̇ q̇)        τ_a += Gᵀ τ_d
 
 q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
-the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear in q_d, one
-step from anywhere is the solution. Least squares take redundant constraints, as those of loops in a plane are.
+the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear,
+q_d = G q_a + k. Least squares take redundant constraints, as those of loops in a plane are.
 """
 
 from collections.abc import Sequence
@@ -134,13 +134,13 @@ class Closure:
         return np.where(np.isin(own, slides), 1 / self._length, 1.0)
 
     @cached_property
-    def direct(self) -> bool:
-        """True if the constraints are linear in the dependent coordinates."""
-        rng = np.random.default_rng(0)
-        q = np.tile(rng.normal(size=self.part.size), (2, 1))
-        q[1, self.coordinates[1]] += rng.normal(size=len(self.dependent))
-        before, after = self.rows(q)[1]
-        return np.allclose(before, after, 1e-12, 1e-12)
+    def affine(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """G (d, n) and k (d,) if the constraints are linear in all coordinates, else None."""
+        q = np.vstack([np.zeros(self.part.size), np.random.default_rng(0).normal(size=self.part.size)])
+        (a, d), (residual, (J, drawn), _) = self._freedoms, self.rows(q)
+        if not np.allclose(J, drawn, rtol=1e-12, atol=1e-12):
+            return None
+        return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[0, :, None])[:, 0]
 
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
@@ -153,6 +153,9 @@ class Closure:
         Returns:
             Up to three arrays (…, d).
         """
+        if self.affine:
+            G, k = self.affine
+            return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
         d = self._freedoms[1]
         residual, J, _ = self.rows(self._joined(self.coordinates, x, start))
         out = [start - _least_squares(J[..., d], residual[..., None])[..., 0]]
@@ -167,6 +170,8 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
+        if self.affine:
+            return np.broadcast_to(self.affine[0], (*np.shape(x)[:-1], *self.affine[0].shape))
         return self._slopes(self._joined(self.coordinates, x, *self.completed(x, start)))
 
     def _slopes(self, q: np.ndarray) -> np.ndarray:
@@ -180,7 +185,7 @@ class Closure:
         Args:
             x: Independent coordinates (…, n_q).
         """
-        if self.direct:
+        if self.affine:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
         flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self.coordinates[0]))
         return self._continued(flat)[0][:, self.coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
@@ -224,7 +229,7 @@ class Closure:
         Raises:
             ModelError: The loops cannot be closed in a sample, or are singular there.
         """
-        if self.direct:
+        if self.affine:
             return self
         cells = np.unique(np.round(x * self._scale / STEP), axis=0, return_index=True)[1]
         left, out = np.sort(cells), self
@@ -238,8 +243,6 @@ class Closure:
 
     def closes(self, x: np.ndarray) -> np.ndarray:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
-        if self.direct:
-            return np.ones(len(x), bool)
         q, least = self._continued(x, watched=True)
         apart, _, left = self._defects(q)
         return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))
