@@ -215,7 +215,8 @@ class Closure:
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        q = self._newton(self.anchors, ITERATIONS)
+        x = self.anchors[:, self.coordinates[0]]
+        q = self._joined(self.coordinates, x, self.solved(x))
         self._check(q, np.zeros(1, bool), ["in the model's posture"])
         return replace(self, anchors=q)
 
@@ -243,6 +244,8 @@ class Closure:
 
     def closes(self, x: np.ndarray) -> np.ndarray:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        if self.affine:
+            return np.ones(len(x), bool)
         q, least = self._continued(x, watched=True)
         apart, _, left = self._defects(q)
         return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))

@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 from scipy.linalg import null_space
 
 from ident.errors import ModelError
-from ident.geometry.se3 import Ad, applied, hat, pose
+from ident.geometry.se3 import Ad, applied, hat, inverse, pose
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.closure import BodyKinematics, Closure, Rows
 from ident.tolerances import HUGE, ROUNDING
@@ -205,13 +205,20 @@ class Constraints:
                     f"The constraint '{row.name}' needs numbers below {HUGE:g}, as of its anchor or polycoef."
                 )
         loose = [row for row in self.rows if not replace(self, rows=(row,)).hold(tree)]
-        if len(loose) > 1 and not tree.still and replace(self, rows=tuple(loose)).hold(tree):
-            names = [row.name for row in loose]
-            raise ModelError(
-                f"The constraints {', '.join(names)} contradict each other: they leave {', '.join(self.coupled(tree))} "
-                f"no motion. Leave the wrong one out with --ignore, of {' '.join(names)}."
-            )
-        return self
+        sums = replace(self, rows=tuple(row for row in self.rows if isinstance(row, Relation)))
+        wrong, why = loose, f"they leave {', '.join(self.coupled(tree))} no motion"
+        if len(loose) < 2 or tree.still or not replace(self, rows=tuple(loose)).hold(tree):
+            try:
+                if sums.rows and not tree.still:
+                    sums.closed(tree, sums.dependent(tree))
+                return self
+            except ModelError:
+                wrong, why = list(sums.rows), "no posture satisfies all of them"
+        names = [row.name for row in wrong]
+        raise ModelError(
+            f"The constraints {', '.join(names)} contradict each other: {why}. Leave the wrong one out with --ignore, "
+            f"of {' '.join(names)}."
+        )
 
     def aligned(self, tree: "Tree") -> tuple["Tree", dict[str, float]]:
         """The tree with those axes of its loops parallel that nearly are, and the angles by which these turned.
@@ -223,8 +230,9 @@ class Constraints:
             The tree, and the angles, rad, by the names of the joints.
         """
         members = members_of(tree, [row for row in self.rows if isinstance(row, Coincidence)])
-        bodies, angles, normals = list(tree.bodies), dict[str, float](), list[np.ndarray]()
-        R = tree.poses(self._coordinates(tree))[:, :3, :3]
+        bodies, angles, normals = list(tree.bodies), dict[str, float](), list[tuple[np.ndarray, np.ndarray]]()
+        q = self._coordinates(tree)
+        R, at = tree.poses(q)[:, :3, :3], tree.body_coordinates(q)
         for i in sorted(members, key=lambda i: (not tree.bodies[i].turns, i)):
             body = bodies[i]
             if body.is_ball or not body.moves:
@@ -232,17 +240,21 @@ class Constraints:
             v, w = np.split(body.twist, 2)
             own = R[i] @ (w if body.turns else v)
             if body.turns:
-                normals.append(own)
-                alike = (normal * np.sign(normal @ own) for normal in normals)
-                meant = next(axis for axis in alike if np.linalg.norm(axis - own) < PARALLEL)
+                signed = ((np.sign(stated @ own) * np.stack([stated, turned])) for stated, turned in normals)
+                meant = next((turned for stated, turned in signed if np.linalg.norm(stated - own) < PARALLEL), own)
+                normals.append((own, meant))
             else:
-                off = next((own @ normal * normal for normal in normals if abs(own @ normal) < PARALLEL), 0 * own)
+                off = next((own @ normal * normal for _, normal in normals if abs(own @ normal) < PARALLEL), 0 * own)
                 meant = (own - off) / np.linalg.norm(own - off)
-            turned = R[i].T @ meant
-            about = np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
-            bodies[i] = replace(body, twist=about if body.turns else np.r_[turned, w])
-            if (angle := float(np.linalg.norm(meant - own))) > ROUNDING:
-                angles[body.joint or body.name] = angle
+            if angle := float(np.linalg.norm(meant - own)):
+                turned = R[i].T @ meant
+                about = np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
+                there = replace(body, twist=about if body.turns else np.r_[turned, w])
+                # The model's posture stays as it is.
+                home = body.home @ body.joint_pose(at[i]) @ inverse(there.joint_pose(at[i]))
+                bodies[i] = replace(there, home=home)
+                if angle > ROUNDING:
+                    angles[body.joint or body.name] = angle
         return replace(tree, bodies=tuple(bodies)), angles
 
     def hold(self, tree: "Tree") -> bool:
