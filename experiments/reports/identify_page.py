@@ -1,4 +1,4 @@
-"""What an identification shows: its screen of text, pictures, figures with their captions, and a replay."""
+"""Views of an identification: its screen of text, pictures, figures with their captions, and a replay."""
 
 from collections.abc import Iterator, Sequence
 from textwrap import shorten

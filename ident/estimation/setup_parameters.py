@@ -129,7 +129,7 @@ def objects(
     moving: bool = False,
     trackers: Mapping[str, Tracker] = MappingProxyType({}),
 ) -> dict[str, list[SetupParameter]]:
-    """What may differ from what is stated, along each of its axes; arguments as for `setup_parameters`.
+    """Objects that may differ from what is stated, along each of their axes; arguments as for `setup_parameters`.
 
     Returns:
         Parameters without a kind, with a standard deviation if it is not the kind's, by `SetupKind.of`: `clocks` of the

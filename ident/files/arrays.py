@@ -185,12 +185,10 @@ def _opened(path: Path) -> Iterator[ZipFile]:
     """
     # With its own file handle: `ZipFile` would leave that of a broken archive open.
     with path.open("rb") as stream:
-        try:
+        with undamaged("an npz archive of arrays"):
             if stream.read(2) != b"PK":
-                raise LogError("not a zip archive")
+                raise ValueError("not a zip archive")
             archive = ZipFile(stream)
-        except Exception as error:
-            raise LogError(f"the file needs to be an npz archive of arrays ({reason(error)}).") from error
         with archive:
             yield archive
 

@@ -1,4 +1,4 @@
-"""What a model lacks: contacts that are not measured, and forces and lengths that would predict clearly better.
+"""Checks for contacts that are not measured, and for forces and lengths with which a model would predict better.
 
 A foot beside the force plate, a chair or a hand on a table only pushes, so that the measured support falls short of the
 weight and of the force that the motion requires, and never exceeds it. Errors of the model, delays and noise have both

@@ -1,4 +1,4 @@
-"""What a mapping states of one quantity: columns and sums of them, motors, servos, tracked bodies, a person's segments.
+"""Entries of a mapping for one quantity: columns and sums of them, motors, servos, tracked bodies, a person's segments.
 
 Likewise recordings in files, read back exactly.
 """
