@@ -144,9 +144,10 @@ class Mechanism(Brief):
 
     def rested(self) -> "Mechanism":
         """The mechanism with those joints welded as well that loops hold because others are fixed."""
-        if not self.tree.still or not self.constraints.hold(self.tree):
+        held = self.constraints.held(self.tree)
+        if not self.tree.still or not held.rows:
             return self
-        tree = self.constraints.closed(self.tree, self.in_loops)
+        tree = held.closed(self.tree, held.coupled(self.tree))
         opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
         at = tree.closure.anchors[0] if tree.closure else ()
         return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})

@@ -218,13 +218,12 @@ class Tree:
         return self.closure.closes(np.asarray(q)[..., self._of_loops[0]]) if self.closure else np.ones(len(q), bool)
 
     @cached_property
-    def _of_loops(self) -> tuple[np.ndarray, np.ndarray]:
+    def _of_loops(self) -> tuple[np.ndarray, ...]:
         """Indices of the loops' independent joints among the coordinates and the velocities."""
         if self.closure and not self.size:
             raise self.closure.rigid()
         independent = self.closure.independent if self.closure else ()
-        first, second = (np.isin(self.owners(what), independent) for what in ("coordinates", "freedoms"))
-        return np.flatnonzero(first), np.flatnonzero(second)
+        return tuple(np.flatnonzero(np.isin(self.owners(what), independent)) for what in ("coordinates", "freedoms"))
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""

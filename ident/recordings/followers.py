@@ -116,15 +116,13 @@ def _along(tree: Tree, recording: Recording) -> tuple[Tree, Recording, list[str]
         return tree, recording, []
     x = recording.of_joints(closure.independent, "position")
     closure, leads = closure.along(x, recording.time), ", ".join(closure.independent) or "no joint"
-    names = ", ".join(f"'{each.name}'" for each in closure.constraints)
     x, notes = _fused(closure, recording, x)
-    fused = dict(zip((f"{joint}_position" for joint in closure.independent), x.T, strict=True)) if notes else {}
-    recording = replace(recording, measured={**recording.measured, **fused}) if fused else recording
-    return (
-        replace(tree, closure=closure),
-        recording,
-        [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}.", *notes],
-    )
+    if notes:
+        fused = {f"{joint}_position": column for joint, column in zip(closure.independent, x.T, strict=True)}
+        recording = replace(recording, measured={**recording.measured, **fused})
+    names = ", ".join(f"'{each.name}'" for each in closure.constraints)
+    first = f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."
+    return replace(tree, closure=closure), recording, [first, *notes]
 
 
 def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -144,16 +142,16 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
         apart, noise, g = recording[name] - y[:, k], _noise(recording[name]), G[:, k]
         zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
         joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
-        if np.median(abs(off)) > LOOSE * np.median(expected):
-            notes.append(
-                f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
-                f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
-            )
-            continue
-        weight = np.where(abs(off) < OUTLYING * expected, noise**-2, 0)
+        counts = np.median(abs(off)) <= LOOSE * np.median(expected)
+        weight = np.where(counts & (abs(off) < OUTLYING * expected), noise**-2, 0)
         precision += weight[:, None, None] * g[:, :, None] * g[:, None, :]
         right += (weight * np.where(weight > 0, off, 0))[:, None] * g
-        notes.append(f"The column of '{joint}' counts too, as loops are closed, but for a constant of {zero:.2g}.")
+        notes.append(
+            f"The column of '{joint}' counts too, as loops are closed, but for a constant of {zero:.2g}."
+            if counts
+            else f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
+            f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
+        )
     return x + np.linalg.solve(precision, right[..., None])[..., 0], notes
 
 

@@ -90,8 +90,6 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if closing := [c for c in acting if c.row]:
-        note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
     if soft := [c for c in acting if c.row and c.soft]:
         note(
             f"Soft as a spring, but taken as rigid: {', '.join(c.name for c in soft)}. With --ignore, all their joints "

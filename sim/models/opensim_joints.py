@@ -183,8 +183,7 @@ USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
-WELD = "WeldConstraint"
-CLOSING = "PointConstraint", WELD
+CLOSING = "PointConstraint", "WeldConstraint"
 """Tags of constraints that close loops."""
 
 
@@ -337,5 +336,5 @@ def point_constraints(model: ET.Element, frames: Frames, ignore: Collection[str]
             pose = place.pose @ offset(element, f"location_body_{k}", f"orientation_body_{k}")
             bodies.append(place.body)
             poses.append(tuple(pose.ravel().tolist()))
-        out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
+        out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == CLOSING[1]))
     return out

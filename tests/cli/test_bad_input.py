@@ -192,7 +192,10 @@ REFUSED = [
     (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints."),
     (f"excite four_bar.xml {LOOPED} --joints crank rocker", "cannot be excited: loops make it depend on"),
     (f"excite held.xml {LOOPED} --joints crank", "loops hold it while rod rests. Name"),
-    (f"excite truss.xml {LOOPED}", "loops leave crank, rod, rocker no motion. If one is wrong, leave it out with --ig"),
+    (
+        f"excite truss.xml {LOOPED}",
+        "Loops leave crank, rod, rocker no motion. Align axes that are meant to be parallel",
+    ),
     ("excite nope", "A model is one of double_pendulum, bowing, humanoid, arm, or an MJCF, URDF or OpenSim file"),
     ("angles endless.xml walk.trc", "No marker has a site of its name: the markers are"),
     ("angles person.xml walk.trc --places nose.toml", "The file has no marker 'NOSE'"),
