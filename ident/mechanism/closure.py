@@ -258,13 +258,13 @@ class Closure:
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
-        own, kept = self.coordinates[0], [np.zeros((0, len(self.coordinates[0])))]
+        own, kept = self.coordinates[0], list[np.ndarray]()
         for reach in np.pi / 2.0 ** np.arange(8):
             x = self.about(rng, samples, reach)
             kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
-        x = np.resize(np.concatenate(kept), (samples, len(own)))
+        x = np.resize(np.concatenate([*kept, self.anchors[:, own]]), (samples, len(own)))
         return {joint: x[:, self.part.owners("coordinates")[own] == joint] for joint in self.independent}
 
     def about(self, rng: np.random.Generator, samples: int, reach: float) -> np.ndarray:
@@ -338,9 +338,8 @@ class Closure:
 
 def _least_singular(columns: np.ndarray) -> np.ndarray:
     """Smallest singular values of unit columns (…,), from columns of any length (…, m, d)."""
-    norms = np.linalg.norm(columns, axis=-2, keepdims=True)
-    values = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False)
-    return np.asarray(values.min(axis=-1, initial=1))
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=-2, keepdims=True), 1e-12)
+    return np.asarray(np.linalg.svd(unit, compute_uv=False).min(axis=-1, initial=1))
 
 
 def _least_squares(J: np.ndarray, b: np.ndarray) -> np.ndarray:

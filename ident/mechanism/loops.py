@@ -12,7 +12,7 @@ from scipy.linalg import null_space
 from ident.errors import ModelError
 from ident.geometry.se3 import Ad, applied, hat, inverse, pose
 from ident.mechanism.body import BASE, Body, Follower
-from ident.mechanism.closure import BodyKinematics, Closure, Rows
+from ident.mechanism.closure import OPEN, BodyKinematics, Closure, Rows
 from ident.tolerances import HUGE, ROUNDING
 
 if TYPE_CHECKING:
@@ -49,15 +49,18 @@ class Coincidence:
         """Indices of both bodies in a tree, `BASE` for one that is none of it."""
         return [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
 
+    def members(self, tree: "Tree") -> set[int]:
+        """Indices of the bodies between both."""
+        one, other = self.ends(tree)
+        return {*tree.chain(one)} ^ {*tree.chain(other)}
+
     def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """Rows of the constraint, in base axes."""
-        ends = self.ends(tree)
-        chains = [tree.chain(i) for i in ends]
-        common = set(chains[0]) & set(chains[1])
+        ends, between = self.ends(tree), self.members(tree)
         size = 6 if self.whole else 3
         unit = np.repeat([1 / length, 1.0], 3)[:size]
         residual, bias, by_body, R = np.zeros(3), np.zeros(size), dict[int, np.ndarray](), []
-        for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
+        for sign, i, place in zip((1, -1), ends, self.places, strict=True):
             T, V, A = at.poses[i] @ np.reshape(place, (4, 4)), at.twists[i], at.rates[i]
             p, w = T[..., :3, 3], V[..., 3:]
             # The twist of the point, in base axes.
@@ -65,7 +68,7 @@ class Coincidence:
             turned = applied(hat(w), applied(at_point, V)[..., :3])
             centripetal = np.concatenate([turned, 0 * w], axis=-1)[..., :size]
             residual, bias = residual + sign * p, bias + sign * (applied(at_point, A) + centripetal)
-            by_body |= {k: sign * at_point @ at.screws[k] for k in set(chain) - common}
+            by_body |= {k: sign * at_point @ at.screws[k] for k in between & {*tree.chain(i)}}
             R.append(T[..., :3, :3])
         if self.whole:
             E = R[0] @ np.swapaxes(R[1], -1, -2)
@@ -94,6 +97,10 @@ class Relation:
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that the joints carry."""
         return tuple(name for name, _ in (*self.first, *self.second))
+
+    def members(self, tree: "Tree") -> set[int]:
+        """Indices of these bodies."""
+        return {*map(tree.names.index, self.bodies)}
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Relation":
         """The relation with some coordinates fixed, by the names of the bodies."""
@@ -214,10 +221,10 @@ class Constraints:
 
     def _contradictory(self, tree: "Tree") -> Iterator["Constraints"]:
         """Sets of constraints that each leave motion, but together none or, if sums, in the model's posture alone."""
-        loose = [row for row in self.rows if not replace(self, rows=(row,)).held(tree).rows]
+        loose = [row for row in self.rows if not replace(self, rows=(row,)).held(tree)]
         # A third one with a joint of its own does not hide two.
         for rows in (*combinations(loose, 2), tuple(loose)):
-            yield from replace(self, rows=rows).held(tree).apart(tree)
+            yield from replace(self, rows=rows).held(tree)
         sums = tuple(row for row in self.rows if isinstance(row, Relation))
         for each in replace(self, rows=sums).apart(tree):
             if len(each.rows) > 1 and not each._agree(tree):
@@ -225,13 +232,12 @@ class Constraints:
 
     def _agree(self, tree: "Tree") -> bool:
         """True if sums of coordinates can be satisfied in the model's posture and, by as many joints, about it."""
-        try:
-            closure = self._closure(tree, self.dependent(tree)).in_posture()
-        except ModelError:
-            return False
-        *_, q = closure.way(closure.about(np.random.default_rng(0), 9, 1.0))
-        before, *after = np.linalg.matrix_rank(closure.rows(np.vstack([closure.anchors, q]))[1], rtol=INDEPENDENT)
-        return bool(np.median(after) <= before)
+        closure = self._closure(tree, self.dependent(tree))
+        about = closure.about(np.random.default_rng(0), 9, 1.0)
+        *_, q = closure.way(np.vstack([closure.anchors[:, closure.coordinates[0]], about]))
+        residual, J, _ = closure.rows(q)
+        before, *after = np.linalg.matrix_rank(J, rtol=INDEPENDENT)
+        return bool(np.linalg.norm(residual[0]) <= OPEN and np.median(after) <= before)
 
     def apart(self, tree: "Tree") -> list["Constraints"]:
         """The constraints in sets that have no joint in common."""
@@ -242,17 +248,17 @@ class Constraints:
             sets = [each for each in sets if each not in near] + [joined]
         return sets
 
-    def aligned(self, tree: "Tree") -> tuple["Tree", dict[str, float], dict[str, float]]:
+    def aligned(self, tree: "Tree") -> tuple["Tree", list[str], list[str]]:
         """The tree with those axes of its loops parallel that nearly are, and the angles by which axes are not.
 
         A loop of hinges moves only if its axes are parallel, and any angle that a file's digits leave adds parameters.
         Hinges turn to the axis nearest to the base, slides until they are across it.
 
         Returns:
-            The tree, the angles by which axes were turned, and those of axes that stay but may be meant to be parallel,
-            rad, by the names of the joints.
+            The tree, joints whose axes were turned, and joints whose axes stay but may be meant to be parallel, each
+            with its angle.
         """
-        bodies, angles, drawn = list(tree.bodies), dict[str, float](), dict[str, float]()
+        bodies, moved, drawn = list(tree.bodies), list[str](), list[str]()
         members = members_of(tree, [row for row in self.rows if isinstance(row, Coincidence)])
         axes = [i for i in members if tree.bodies[i].moves and not tree.bodies[i].is_ball]
         normals, q = list[tuple[np.ndarray, np.ndarray]](), self._coordinates(tree)
@@ -262,30 +268,27 @@ class Constraints:
             v, w = np.split(body.twist, 2)
             own = R[i] @ (w if body.turns else v)
             if body.turns:
-                signed = [np.sign(stated @ own) * np.stack([stated, turned]) for stated, turned in normals]
-                near = [(np.linalg.norm(stated - own), turned) for stated, turned in signed]
+                near = [(np.linalg.norm(np.cross(axis, own)), np.sign(axis @ own) * turned) for axis, turned in normals]
             else:
                 near = [(abs(own @ turned), own - own @ turned * turned) for _, turned in normals]
             off, meant = min(near, key=lambda each: each[0], default=(SKEW, own))
             angle = float(np.linalg.norm(meant - own))
             if off < SKEW and angle > ROUNDING:
-                (angles if off < PARALLEL else drawn)[body.joint or body.name] = angle
+                (moved if off < PARALLEL else drawn).append(f"{body.joint or body.name} {angle:.2g} rad")
             meant = meant if off < PARALLEL else own
             normals += [(own, meant)] if body.turns else []
             if off < PARALLEL and angle:
                 turned = R[i].T @ meant
-                about = np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
-                along = np.r_[turned, w] / np.linalg.norm(turned)
-                there = replace(body, twist=about if body.turns else along)
+                hinge, slide = (np.cross(np.cross(w, v), turned), turned), (turned / np.linalg.norm(turned), w)
+                there = replace(body, twist=np.concatenate(hinge if body.turns else slide))
                 # The model's posture stays as it is.
                 home = body.home @ body.joint_pose(at[i]) @ inverse(there.joint_pose(at[i]))
                 bodies[i] = replace(there, home=home)
-        return replace(tree, bodies=tuple(bodies)), angles, drawn
+        return replace(tree, bodies=tuple(bodies)), moved, drawn
 
-    def held(self, tree: "Tree") -> "Constraints":
-        """Those of the constraints that leave their joints no motion, each set as of `apart` by itself."""
-        sets = [each for each in self.apart(tree) if {*each.dependent(tree)} == {*each.coupled(tree)}]
-        return replace(self, rows=tuple(row for each in sets for row in each.rows))
+    def held(self, tree: "Tree") -> list["Constraints"]:
+        """Those of the sets as of `apart` that leave their joints no motion."""
+        return [each for each in self.apart(tree) if 0 < len(each.coupled(tree)) == len(each.dependent(tree))]
 
     def followers(self, tree: "Tree") -> dict[str, Follower]:
         """Joints that a constraint makes a polynomial of another one, by name, each of one that is none itself."""
@@ -348,13 +351,7 @@ class Constraints:
 
 def members_of(tree: "Tree", rows: Collection[Row]) -> set[int]:
     """Indices of the bodies through which the loops of constraints go."""
-    members = set[int]()
-    for each in rows:
-        if isinstance(each, Coincidence):
-            one, other = each.ends(tree)
-            members |= {*tree.chain(one)} ^ {*tree.chain(other)}
-        else:
-            members |= {*map(tree.names.index, each.bodies)}
+    members = set[int]().union(*(each.members(tree) for each in rows))
     leads = {tree.followers[i].joint for i in members if i in tree.followers}
     return members | {i for i, body in enumerate(tree.bodies) if body.joint in leads}
 

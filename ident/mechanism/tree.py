@@ -200,8 +200,7 @@ class Tree:
 
     def closed(self, closure: Closure) -> "Tree":
         """The tree with the joints dependent that loops determine; they lose their names."""
-        names = closure.dependent
-        bodies = (replace(each, joint="", depends=each.joint) if each.joint in names else each for each in self.bodies)
+        bodies = (replace(x, joint="", depends=x.joint) if x.joint in closure.dependent else x for x in self.bodies)
         return Tree(tuple(bodies), closure)
 
     def started(self, q: np.ndarray) -> np.ndarray:

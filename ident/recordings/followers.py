@@ -18,7 +18,7 @@ from ident.recordings.stated import Servo, model_servo
 from ident.recordings.times import GAP, Sampled
 
 EXACT = 1e-12
-"""Least noise of a position, rad or m, so that exact ones have finite weights."""
+"""Noise of a position beside the estimated one, rad or m, so that exact ones have finite weights."""
 
 LOOSE = 3.0
 """Difference from closed loops over the noise, by their medians, above which a column contradicts them: of normal noise
@@ -135,11 +135,11 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
     own = [f"{joint}_position" for joint in closure.independent]
     if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
         return x, []
-    y, std = closure.solved(x), np.array([_noise(column) for column in x.T])
+    y, std = closure.solved(x), EXACT + np.array([white_noise(column, robust=True) for column in x.T])
     G, notes = closure.slopes(x, y), list[str]()
     precision, right = np.zeros((len(x), len(own), len(own))) + np.diag(std**-2), np.zeros_like(x)
     for k, name in columns.items():
-        apart, noise, g = recording[name] - y[:, k], _noise(recording[name]), G[:, k]
+        apart, noise, g = recording[name] - y[:, k], EXACT + white_noise(recording[name], robust=True), G[:, k]
         zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
         joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
         counts = np.median(abs(off)) <= LOOSE * np.median(expected)
@@ -153,10 +153,6 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
             f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
         )
     return x + np.linalg.solve(precision, right[..., None])[..., 0], notes
-
-
-def _noise(column: np.ndarray) -> float:
-    return max(white_noise(column, robust=True), EXACT)
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:

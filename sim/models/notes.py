@@ -2,7 +2,7 @@
 
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -131,28 +131,26 @@ def constrained(arm: Mechanism, constraints: Constraints) -> Mechanism:
     """The mechanism with constraints, and with those axes of its loops parallel that nearly are.
 
     Warns:
-        ModelNote: There are such axes, or some that are parallel less nearly and stay.
+        ModelNote: There are such axes, or less nearly parallel ones, which stay; or constraints.
 
     Raises:
         ModelError: Constraints contradict each other, or their numbers are beyond all use.
     """
-    tree, turned, drawn = constraints.aligned(arm.tree)
-    if turned:
-        note(f"Axes in loops that are nearly parallel count as parallel ({_angles(turned)}), as loops move only then.")
+    tree, moved, drawn = constraints.aligned(arm.tree)
+    if moved:
+        note(
+            f"Axes in loops that are nearly parallel count as parallel ({', '.join(moved)} off): loops move only then."
+        )
     if drawn:
         note(
-            f"Axes in loops that are not quite parallel, or slides not quite across them, are taken as drawn "
-            f"({_angles(drawn)}): such loops hardly move, or have more base parameters. Where parallel ones are meant, "
-            "give them the same axis."
+            "Axes in loops that are not quite parallel, or slides not quite across them, are taken as drawn "
+            f"({', '.join(drawn)} off): such loops hardly move, or have other base parameters. Where parallel ones are "
+            "meant, give them the same axis."
         )
     if names := [row.name for row in constraints.rows]:
         joints = ", ".join(constraints.coupled(tree))
         note(f"By the constraints {', '.join(names)} of {joints}, joints without a column follow from the others.")
     return replace(arm, tree=tree, constraints=constraints.checked(tree))
-
-
-def _angles(off: Mapping[str, float]) -> str:
-    return f"{', '.join(f'{joint} {angle:.2g} rad' for joint, angle in off.items())} off"
 
 
 def note_units(arm: Mechanism) -> None:
