@@ -136,8 +136,8 @@ def problem(
     depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
     if wrong := [joint for joint in names or () if joint in depending]:
         leads = [joint for joint in mechanism.in_loops if joint not in depending]
-        on = f"depend on {', '.join(leads)}. Name {' '.join(leads)} with --joints" if leads else "rest"
-        raise ModelError(f"Joint '{wrong[0]}' cannot be excited: loops make it {on}.")
+        on = f"depend on {', '.join(leads)}. Name {' '.join(leads)} with --joints" if leads else "rest. Name others"
+        raise ModelError(f"Joint '{wrong[0]}' cannot be excited: loops make it {on}, or leave some out with --ignore.")
     moving = [joint for joint in moving if joint not in depending]
     rest = rest_coordinates(model, base)
     resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}

@@ -199,8 +199,8 @@ def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes
     if kind in ("joint", "tendon"):
         sums = [[(k, 1.0)] if kind == "joint" else _terms(model, k) for k in objects]
         if all(sums):
-            row = _relation(model, e, name, sums)
-            return _of_joints(model, name, what, [j for terms in sums for j, _ in terms], row)
+            joints = [j for terms in sums for j, _ in terms]
+            return _of_joints(model, name, what, joints, _relation(model, e, name, sums))
     parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
     return Coupling(name, what, set().union(*(c.bodies for c in parts)), None)
 

@@ -189,7 +189,7 @@ REFUSED = [
     (f"excite both.xml {QUICK} --joints b", "Joint 'b' is neither hinge nor slide; the joints to choose from are s."),
     (f"excite endless.xml {QUICK}", "Joint 'j' has no range in the model; give one with --position LOW"),
     (f"excite arm {QUICK} --drive auto", "contains no drives: --drive needs --sensors torque"),
-    (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints."),
+    (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints, or"),
     (f"excite four_bar.xml {LOOPED} --joints crank rocker", "cannot be excited: loops make it depend on"),
     (f"excite held.xml {LOOPED} --joints crank", "loops hold it while rod rests. Name"),
     (
