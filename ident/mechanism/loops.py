@@ -288,7 +288,7 @@ class Constraints:
 
     def held(self, tree: "Tree") -> list["Constraints"]:
         """Those of the sets as of `apart` that leave their joints no motion."""
-        return [each for each in self.apart(tree) if 0 < len(each.coupled(tree)) == len(each.dependent(tree))]
+        return [each for each in self.apart(tree) if {*each.coupled(tree)} == {*each.dependent(tree)} != set()]
 
     def followers(self, tree: "Tree") -> dict[str, Follower]:
         """Joints that a constraint makes a polynomial of another one, by name, each of one that is none itself."""

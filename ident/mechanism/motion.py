@@ -216,10 +216,10 @@ def divided(tree: Tree, name: str, constraints: Constraints) -> tuple[Carrier, T
         raise InputError(f"There is no body '{name}' to be carried; the bodies are {', '.join(tree.names)}.")
     last = tree.names.index(name)
     chain, carried = {*tree.chain(last)}, tree.carried(last)
-    loops = {each: members_of(tree, each.rows) for each in constraints.apart(tree)}
-    own = [each for each, members in loops.items() if members & chain and not members & {*carried} - {last}]
-    rows = tuple(row for each in own for row in each.rows)
-    before = Tree(tree.part([*sorted(chain.union(*(loops[each] for each in own)) - {last}), last]))
+    rows = tuple(row for row in constraints.rows if not members_of(tree, [row]) & {*carried} - {last})
+    loops = [each for each in replace(constraints, rows=rows).apart(tree) if members_of(tree, each.rows) & chain]
+    own = tuple(row for each in loops for row in each.rows)
+    before = Tree(tree.part([*sorted((chain | members_of(tree, own)) - {last}), last]))
     if not any(tree.bodies[i].coordinates for i in tree.chain(last)):
         raise InputError(f"No joint moves '{name}', so that its weight cannot be separated from its sensor's offset.")
-    return Carrier(before, replace(constraints, rows=rows)), tree.beyond(last), carried
+    return Carrier(before, replace(constraints, rows=own)), tree.beyond(last), carried

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, by_mujoco, closed, read, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, PARALLELOGRAM, ROCKER, by_mujoco, closed, read, text
 from mechanisms import by_joint, sines
 
 import ident
@@ -284,6 +284,13 @@ def test_a_dependent_ball_joint_needs_no_columns_and_rests_with_the_joints_that_
     for body, place in (("rocker", [0.1, 0.2, 0.3, 1]), ("rod", [0.3, 0.03, 0.12, 1])):
         ends = [tree.poses(q)[tree.names.index(body)] @ place for tree, q in ((moved, np.array([0.2])), (still, []))]
         np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_loops_that_a_fixed_joint_holds_rest_beside_others_that_move():
+    fingers = GRIPPER.replace('<joint name="same" joint1="right_driver" joint2="left_driver"/>', "")
+    arm = read(fingers, fix={"left_driver": [0.1]})
+    assert arm.tree.joints == ("right_driver", "right_finger", "right_link")
+    assert [row.name for row in arm.constraints.rows] == ["right_pin"]
 
 
 def test_joints_that_actuators_drive_through_a_tendon_are_independent():
