@@ -223,7 +223,8 @@ class Constraints:
         """Sets of constraints that each leave motion, but together none or, if sums, in the model's posture alone."""
         loose = [row for row in self.rows if not replace(self, rows=(row,)).held(tree)]
         # A third one with a joint of its own does not hide two.
-        for rows in (*combinations(loose, 2), tuple(loose)):
+        pairs = [(one, other) for one, other in combinations(loose, 2) if one.members(tree) == other.members(tree)]
+        for rows in (*pairs, tuple(loose)):
             yield from replace(self, rows=rows).held(tree)
         sums = tuple(row for row in self.rows if isinstance(row, Relation))
         for each in replace(self, rows=sums).apart(tree):

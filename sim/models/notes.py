@@ -143,9 +143,8 @@ def constrained(arm: Mechanism, constraints: Constraints) -> Mechanism:
         )
     if drawn:
         note(
-            "Axes in loops that are not quite parallel, or slides not quite across them, are taken as drawn "
-            f"({', '.join(drawn)} off): such loops hardly move, or have other base parameters. Where parallel ones are "
-            "meant, give them the same axis."
+            f"Axes in loops that are not quite parallel are taken as drawn ({', '.join(drawn)} off): such loops hardly "
+            "move, or have other base parameters. Where parallel ones are meant, give them the same axis."
         )
     if names := [row.name for row in constraints.rows]:
         joints = ", ".join(constraints.coupled(tree))

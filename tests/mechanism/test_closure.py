@@ -110,7 +110,7 @@ def test_axes_of_loops_that_are_less_nearly_parallel_are_named(joint, angle):
     _, notes = notes_of(FOUR_BAR.replace(f'name="{joint}" axis="0 1 0', f'name="{joint}" axis="0 1 {angle}'))
     (note,) = (each for each in notes if "parallel" in each)
     off = f"{joint if joint != 'crank' else 'rod'} {angle:.2g} rad"
-    assert "not quite parallel, or slides not quite across them, are taken as drawn" in note and off in note
+    assert "Axes in loops that are not quite parallel are taken as drawn" in note and off in note
     assert note.endswith("Where parallel ones are meant, give them the same axis.")
 
 
