@@ -116,7 +116,7 @@ def _complete(belief: Belief) -> None:
     """Asks for joints without positions, unless they follow others."""
     placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
     following = belief.mechanism.determined(placed)
-    belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
+    belief.notes += [f"'{joint}' follows from other joints, as the model couples them." for joint in following]
     lacking = [joint for joint in belief.mechanism.joints if joint not in placed and joint not in following]
     belief.complete = not lacking
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not belief.log.markers:

@@ -144,12 +144,13 @@ class Mechanism(Brief):
 
     def rested(self) -> "Mechanism":
         """The mechanism with those joints welded as well that loops hold because others are fixed."""
-        if not self.tree.still or not self.constraints.hold(self.tree):
-            return self
-        tree = self.constraints.closed(self.tree, self.in_loops)
-        opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
-        at = tree.closure.anchors[0] if tree.closure else ()
-        return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})
+        for held in self.constraints.held(self.tree) if self.tree.still else ():
+            tree = held.closed(self.tree, held.coupled(self.tree))
+            opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
+            at = tree.closure.anchors[0] if tree.closure else ()
+            # Which lets further ones rest in turn.
+            return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})
+        return self
 
     @property
     def in_world(self) -> np.ndarray:
@@ -207,13 +208,10 @@ class Mechanism(Brief):
         tree = self.constraints.closing(self.tree, lacking, driven)
         return self if tree is self.tree else replace(self, tree=tree, **self._of_joints(tree))
 
-    def determined(self, placed: Collection[str]) -> dict[str, str]:
-        """Names of the joints by which each joint without a position is determined, from those of joints with one."""
-        own = {j: lead.joint for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+    def determined(self, placed: Collection[str]) -> tuple[str, ...]:
+        """Names of the joints without a position that those with one determine."""
         lacking = [joint for joint in self.tree.joints if joint not in placed]
-        leads = ", ".join(joint for joint in self.in_loops if joint in placed)
-        depending = {*self.constraints.dependent(self.tree, lacking)} & {*lacking} - {*own}
-        return own | {joint: leads for joint in self.tree.joints if joint in depending}
+        return tuple(joint for joint in self.constraints.dependent(self.tree, lacking) if joint in lacking)
 
     @property
     def in_loops(self) -> tuple[str, ...]:

@@ -90,8 +90,6 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if closing := [c for c in acting if c.row]:
-        note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
     if soft := [c for c in acting if c.row and c.soft]:
         note(
             f"Soft as a spring, but taken as rigid: {', '.join(c.name for c in soft)}. With --ignore, all their joints "
@@ -201,8 +199,8 @@ def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes
     if kind in ("joint", "tendon"):
         sums = [[(k, 1.0)] if kind == "joint" else _terms(model, k) for k in objects]
         if all(sums):
-            row = _relation(model, e, name, sums)
-            return _of_joints(model, name, what, [j for terms in sums for j, _ in terms], row)
+            joints = [j for terms in sums for j, _ in terms]
+            return _of_joints(model, name, what, joints, _relation(model, e, name, sums))
     parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
     return Coupling(name, what, set().union(*(c.bodies for c in parts)), None)
 

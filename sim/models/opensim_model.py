@@ -113,8 +113,6 @@ def mechanism_from_opensim(
         read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
         constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree)
-        if closing := [row.name for row in constraints.rows]:
-            note(f"By {', '.join(closing)}, joints without a column follow from the others.")
         return replace(constrained(read, constraints), centre_std=OF_PEOPLE).rested()
 
 

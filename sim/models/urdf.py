@@ -42,7 +42,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     Raises:
         ModelError: One names no joint with one coordinate, itself, or another mimic joint, or a number is not finite.
     """
-    mimics, joints, astray = Mimics(), root.findall("joint"), dict[str, str]()
+    mimics, joints, astray = Mimics(), root.findall("joint"), list[str]()
     names = {joint.get("name", "") for joint in joints}
     stated = {x.get("name", ""): x.findall("mimic") for x in joints if x.get("type") in SINGLE}
     leading = [name for name, own in stated.items() if not {each.get("joint") for each in own} & names]
@@ -52,7 +52,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     for name, own in stated.items():
         leads = [element.get("joint", "") for element in own]
         if len(own) == 1 and leads[0] and leads[0] not in names:
-            astray[name] = leads[0]
+            astray.append(f"'{name}' ('{leads[0]}')")
         elif len(own) > 1 or not {*leads} <= {*leading}:
             raise ModelError(
                 f"{path}: joint '{name}' has to mimic one joint that moves by itself, out of "
@@ -62,8 +62,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
         elif own:
             mimics[name] = leads[0], *_law(path, name, own[0])
     if astray:
-        each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
-        note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
+        note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {', '.join(astray)}.")
     return mimics
 
 

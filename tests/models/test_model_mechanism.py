@@ -30,7 +30,7 @@ def test_what_to_type_is_said(tmp_path, capsys):
     arguments = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]
     message = refusal(identify.main, arguments, capsys)
     assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
-    assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
+    assert "Note: By the constraints equality0 of finger1, finger2, joints without a column follow" in message
     for fix, what in {
         ("thumb",): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
         ("finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
