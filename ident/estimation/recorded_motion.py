@@ -30,8 +30,8 @@ Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
-WIDTH, REFERENCES = 6, 12
-"""Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
+WIDTH = 6
+"""Channels of a tracked body; its measured orientation, rotation matrix and r, has twice as many numbers."""
 
 ALIGNED, EXACT = 100, 1e-12
 """Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
@@ -226,7 +226,7 @@ def _of_tracked(recording: Recording, name: str) -> Sampled:
 def measured_poses(recording: Recording, name: str) -> Sampled:
     """Channels of a tracked body and its orientations, as for `reading`, NaN where a sample is missing (N, 6 + 12)."""
     time, x = _of_tracked(recording, name)
-    there, values = np.isfinite(x).all(axis=1), np.full((len(x), WIDTH + REFERENCES), np.nan)
+    there, values = np.isfinite(x).all(axis=1), np.full((len(x), 3 * WIDTH), np.nan)
     turned = Rotation.from_quat(x[there, 3:], scalar_first=True)
     r = (turned.mean().inv() * turned).as_rotvec()
     values[there] = np.hstack([x[there, :3], r, turned.as_matrix().reshape(-1, 9), r])

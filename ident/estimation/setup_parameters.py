@@ -287,16 +287,14 @@ class ChannelParameters:
     @cached_property
     def shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        return self._shifts(of_poses=False)
+        every = reversed(self.setup_at.items())
+        return {at: shift for at, each in every if each.row.of != CLOCKS and (shift := each.row.shift)}
 
     @cached_property
     def pose_shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of poses by index in θ."""
-        return self._shifts(of_poses=True)
-
-    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
-        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
-        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
+        every = self.setup_at.items()
+        return {at: shift for at, each in every if each.row.of == CLOCKS and (shift := each.row.shift)}
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""
