@@ -316,9 +316,8 @@ def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, f
             row = out[f"{tree.bodies[i].joint} about {'xyz'[k]}"] = {"true_deg": _tilt(drawn, true)[k]}
             for model, axis in ((model, axes[j]) for model, axes in estimated.items()):
                 std = float(np.degrees(np.linalg.norm(np.cross(drawn, axis.influence)[:, k])))
-                shown = std > ROUNDING
-                row[f"tilt_{model}_deg"] = _tilt(drawn, axis.vector)[k] if shown else None
-                row[f"std_{model}_deg"] = std if shown else None
+                shown = (_tilt(drawn, axis.vector)[k], std) if std > ROUNDING else (None, None)
+                row[f"tilt_{model}_deg"], row[f"std_{model}_deg"] = shown
     return out
 
 

@@ -199,12 +199,11 @@ def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collectio
                 f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; poses of the base "
                 f"belong under [base] of the columns file. Got '{tracker.body}'."
             )
-        shapes = {f"{name}_position": (3,), f"{name}_orientation": (4,)}
-        for channel, shape in shapes.items():
-            given = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
-            if given != shape:
-                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {shape[0]}), got {given}.")
-        x, (position, orientation) = _of_tracked(recording, name).values, shapes
+        position, orientation = f"{name}_position", f"{name}_orientation"
+        for channel, size in ((position, 3), (orientation, 4)):
+            if (shape := recording[channel].shape)[1:] != (size,):
+                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {size}), got shape {shape}.")
+        x = _of_tracked(recording, name).values
         norm, whole = np.linalg.norm(x[:, 3:], axis=1), x[np.isfinite(x).all(axis=1)]
         if (wrong := np.abs(norm - 1) > UNIT).any():
             at = int(wrong.argmax())
