@@ -173,16 +173,8 @@ def fit(
     return Fitted(base, made.psi, made.std, base.regroup(mechanism.known), made, made.predicted(motion))
 
 
-def trajectory_fit(
-    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
-) -> Trial:
-    """Base parameters of one model by the trajectory estimate, arguments and errors as for `trajectory_estimate`."""
-    estimate = trajectory_estimate(mechanism, recording, base, searched=searched)
-    return Trial(base, estimate.psi, estimate.std_setup, base.regroup(mechanism.known))
-
-
 def trajectory_estimate(
-    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool
+    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
 ) -> Estimate:
     """Trajectory estimate of one model, from joint angles and wrenches alone.
 

@@ -30,8 +30,8 @@ Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
-WIDTH, REFERENCES = 6, 12
-"""Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
+WIDTH = 6
+"""Channels of a tracked body; its measured orientation, rotation matrix and r, has twice as many numbers."""
 
 ALIGNED, EXACT = 100, 1e-12
 """Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
@@ -199,12 +199,11 @@ def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collectio
                 f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; poses of the base "
                 f"belong under [base] of the columns file. Got '{tracker.body}'."
             )
-        shapes = {f"{name}_position": (3,), f"{name}_orientation": (4,)}
-        for channel, shape in shapes.items():
-            given = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
-            if given != shape:
-                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {shape[0]}), got {given}.")
-        x, (position, orientation) = _of_tracked(recording, name).values, shapes
+        position, orientation = f"{name}_position", f"{name}_orientation"
+        for channel, size in ((position, 3), (orientation, 4)):
+            if (shape := recording[channel].shape)[1:] != (size,):
+                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {size}), got shape {shape}.")
+        x = _of_tracked(recording, name).values
         norm, whole = np.linalg.norm(x[:, 3:], axis=1), x[np.isfinite(x).all(axis=1)]
         if (wrong := np.abs(norm - 1) > UNIT).any():
             at = int(wrong.argmax())
@@ -226,7 +225,7 @@ def _of_tracked(recording: Recording, name: str) -> Sampled:
 def measured_poses(recording: Recording, name: str) -> Sampled:
     """Channels of a tracked body and its orientations, as for `reading`, NaN where a sample is missing (N, 6 + 12)."""
     time, x = _of_tracked(recording, name)
-    there, values = np.isfinite(x).all(axis=1), np.full((len(x), WIDTH + REFERENCES), np.nan)
+    there, values = np.isfinite(x).all(axis=1), np.full((len(x), 3 * WIDTH), np.nan)
     turned = Rotation.from_quat(x[there, 3:], scalar_first=True)
     r = (turned.mean().inv() * turned).as_rotvec()
     values[there] = np.hstack([x[there, :3], r, turned.as_matrix().reshape(-1, 9), r])

@@ -166,15 +166,14 @@ class Tree:
 
     @cached_property
     def compounds(self) -> dict[str, tuple[int, ...]]:
-        """Indices of the moving bodies of each joint that carries something, massless links first, by its first joint.
+        """Indices of the bodies of each joint that carries something, massless links first, by its first joint.
 
         Several joints between two bodies with mass are one compound joint. One that only follows has its leader's name,
         unless that is another.
         """
         members = defaultdict[int, list[int]](list)
-        for i, body in enumerate(self.bodies):
-            if body.moves:
-                members[self.first_link(i)].append(i)
+        for i in range(len(self.bodies)):
+            members[self.first_link(i)].append(i)
         out = dict[str, tuple[int, ...]]()
         for own in (each for first, each in members.items() if set(self.carried(first)) & {*self.inertial}):
             names = [self.bodies[i].joint for i in own]

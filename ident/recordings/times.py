@@ -15,7 +15,7 @@ from ident.errors import LogError
 from ident.files.table import BASE, EPOCH, TIME, Columns, Table
 from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
-from ident.recordings.stated import untracked
+from ident.recordings.stated import TRACKED
 
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""
@@ -271,7 +271,7 @@ class Clock:
             notes += self._jitter(table, time, kept)
         own = grid if uniform else time
         streams = {key: Sampled(own, x) for key, x in channels.items() if not uniform or _has_gaps(x)}
-        grid = _covered(grid, untracked(streams))
+        grid = _covered(grid, _limiting(streams))
         channels = {key: interpolated(Sampled(own, x), grid) for key, x in channels.items()} if streams else channels
         streams = {key: Sampled(self.start + own, x.values) for key, x in streams.items()}
         return Repaired(self.start + grid, channels, streams)
@@ -411,6 +411,11 @@ def streams_of(
     return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
 
 
+def _limiting(streams: Mapping[str, Sampled]) -> dict[str, Sampled]:
+    """Streams that limit the common times: all but tracked poses."""
+    return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
+
+
 def together(streams: dict[str, Sampled]) -> Repaired:
     """Streams as measured and at common times, at the rate of the fastest joint position, or of any without joints.
 
@@ -421,6 +426,6 @@ def together(streams: dict[str, Sampled]) -> Repaired:
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
     for key, stream in streams.items():
         check_jumps(f"the time of {key}", stream.time, 1 / rate)
-    common = uniform_times(untracked(streams), rate)
+    common = uniform_times(_limiting(streams), rate)
     check_samples(len(common), " that all columns cover")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)

@@ -11,7 +11,7 @@ from stand_ins import undetermined
 
 from experiments import misaligned
 from experiments.data import paper
-from experiments.data.fitting import trajectory_fit
+from experiments.data.fitting import trajectory_estimate
 from experiments.data.simulated_study import SimulatedStudy, tilts, wrench_error
 from experiments.document.figures import SHEET
 from experiments.reports import study_report
@@ -83,7 +83,7 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 
 @pytest.mark.usefixtures("undrawn")
 def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
-    for estimate in ("simulated_study.trajectory_fit", "fitting.trajectory_estimate"):
+    for estimate in ("simulated_study.trajectory_estimate", "fitting.trajectory_estimate"):
         monkeypatch.setattr(f"experiments.data.{estimate}", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = rows_of(tmp_path / "table_3.csv")
@@ -183,7 +183,7 @@ def test_a_tilt_that_is_left_as_drawn_is_empty(study, monkeypatch):
     axes = study.estimated_axes("searched")
     first, last = axes.separate
     left = replace(axes, separate=(replace(first, influence=0 * first.influence), last))
-    monkeypatch.setitem(study._searched, "searched", left)
+    monkeypatch.setitem(vars(study), "searched", left)
     rows = list(tilts(study, ["searched"]).values())
     assert {row[f"{name}_searched_deg"] for row in rows[:2] for name in ("tilt", "std")} == {None}
     assert min(row["std_searched_deg"] for row in rows[2:]) > 0.01
@@ -202,9 +202,9 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
     kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
-    trial = trajectory_fit(study.mechanism("full_on_table"), recording, study.fit("full_on_table").base)
-    np.testing.assert_array_equal(trial.psi, study.trajectory("full_on_table").psi)
-    np.testing.assert_array_equal(trial.std, study.trajectory("full_on_table").std)
+    estimate = trajectory_estimate(study.mechanism("full_on_table"), recording, study.fit("full_on_table").base)
+    np.testing.assert_array_equal(estimate.psi, study.trajectory("full_on_table").psi)
+    np.testing.assert_array_equal(estimate.std_setup, study.trajectory("full_on_table").std)
 
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
@@ -214,6 +214,6 @@ def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
 def test_axes_that_are_found_far_from_the_true_ones_are_said_to_be_wrong(study, monkeypatch):
     axes = study.estimated_axes("searched")
     for tree, wrong in ((axes.tree, False), (study.known.tree, True)):
-        monkeypatch.setitem(study._searched, "searched", replace(axes, tree=tree))
+        monkeypatch.setitem(vars(study), "searched", replace(axes, tree=tree))
         (sentence,) = (line for line in study_report.lines(study) if line.startswith("Axes found"))
         assert sentence.endswith(", which does not cover that: these are not the true axes") == wrong, sentence
