@@ -1,4 +1,4 @@
-"""Prediction of pieces left out of a fit, by which noise models and set-up errors are chosen.
+"""Moves, which are kept or undone, and the prediction of pieces left out of a fit, by which most of them are.
 
     θ_-k = θ + (P - P_k)⁻¹ (g - g_k)                          parameters without piece k
     e_k  = y_k - f(x_k, θ_-k)                                 errors of its channels, motion from its angles alone
@@ -6,6 +6,9 @@
 
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -34,6 +37,49 @@ information on it, so that neither their number nor a mean would do."""
 
 DETERMINED = 1e-9
 """Least share of a parameter's precision in the other pieces with which it is fitted without one."""
+
+
+class Fitted(Protocol):
+    """Estimate, or search for one."""
+
+    @property
+    def fit(self) -> TrajectoryFit:
+        """Its fit."""
+
+
+State = TypeVar("State", bound=Fitted)
+
+
+class Move(NamedTuple, Generic[State]):
+    """A change of what is fitted.
+
+    Attributes:
+        fitted: Function that fits with it; it may be undetermined.
+        kept: Test of the result: True to keep it.
+    """
+
+    fitted: Callable[[], State]
+    kept: Callable[[State], bool]
+
+
+def after(state: State, move: Move[State]) -> State:
+    """State after a move, or the state itself if that is undetermined or not kept."""
+    if state.fit.status == "interrupted":
+        return state
+    try:
+        tried = move.fitted()
+    except (ExcitationError, np.linalg.LinAlgError):
+        return state
+    return tried if tried.fit.status == "interrupted" or move.kept(tried) else state
+
+
+def moved(state: State, proposed: Callable[[State], Move[State] | None]) -> State:
+    """State after moves that are proposed for it, one after another, until one is not kept or none is proposed."""
+    while state.fit.status != "interrupted" and (move := proposed(state)) is not None:
+        before, state = state, after(state, move)
+        if state is before:
+            break
+    return state
 
 
 def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

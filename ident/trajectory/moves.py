@@ -27,12 +27,12 @@ from ident.estimation.setup_parameters import SetupParameter
 from ident.parameters.consistency import consistent_parameters
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import TINIEST, Start, TrajectoryFit, inverse_of_precision
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
-from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
+from ident.trajectory.left_out import CLEARLY, Move, after, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import speeds
 from ident.trajectory.setup_search import searched
@@ -214,10 +214,9 @@ def with_setup_errors(stages: Stages, estimate: TrajectoryEstimate) -> Trajector
     estimate = _with_weighted_prior(stages, estimate if estimate.fit.scatters else stages.scattered(estimate))
     if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
         return estimate
-    refit = stages.refit_of(estimate, shares=False)
 
-    def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-        return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
+    def scattered(begin: TrajectoryFit) -> TrajectoryFit:
+        return with_scatter(estimate.measurement, stages.fitted(estimate, begin, shares=False), every=False)
 
     far = [at for at, each in stages.setup.items() if each.row.far and stages.search]
     delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
@@ -310,18 +309,14 @@ def better(
         other: Function that returns the other one, which may not be determined.
         margin: Decrease of the mean log error from which it is better.
     """
-    if usual.fit.status == "interrupted" or len(usual.fit.pieces) < 2:
-        return usual
-    try:
-        tried = other()
-    except (ExcitationError, np.linalg.LinAlgError):
-        return usual
-    if tried.fit.status == "interrupted":
-        return tried
-    both = usual, tried
-    least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
-    errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
-    return replace(both[clearly_less(errors[0], errors[1], margin)], errors={**usual.errors, name: errors})
+    errors = dict(usual.errors)
+
+    def kept(tried: TrajectoryEstimate) -> bool:
+        least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
+        errors[name] = np.array([prediction_errors(each.measurement, each.fit, least) for each in (usual, tried)])
+        return clearly_less(errors[name][0], errors[name][1], margin)
+
+    return replace(after(usual, Move(other, kept)), errors=errors) if len(usual.fit.pieces) > 1 else usual
 
 
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
@@ -378,7 +373,7 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
     and the noise are fitted again; that changes ψ*, and the two steps alternate until ψ converges. Covariances are
     those without the condition, which adds little information where noise alone violates it.
     """
-    fit, refit, equations = estimate.fit, stages.refit_of(estimate, settled=SETTLED), stages.measurement.equations
+    fit, equations = estimate.fit, stages.measurement.equations
     mechanism, parameters, rank = equations.mechanism, equations.parameters, equations.parameters.rank
     absorbed, is_psi = equations.from_drives[:rank], np.arange(len(fit.theta)) < rank
     held = fit
@@ -390,8 +385,8 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
         )
         psi = bodies.psi + absorbed
         step = np.abs(psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
-        begin = replace(held.end, theta=np.r_[psi, held.theta[rank:]])
-        held = refit(begin, fit.free & ~is_psi, iteration.ROUNDS)
+        begin = replace(held, theta=np.r_[psi, held.theta[rank:]], free=fit.free & ~is_psi)
+        held = stages.fitted(estimate, begin, settled=SETTLED)
         if step.max() < RESTS or held.status == "interrupted":
             break
     if held is not fit:

@@ -118,8 +118,7 @@ def test_pieces_left_out_of_linear_equations(seed):
     theta = solved(slice(None), usual)
     shares = [(X.T @ X, X.T @ (z - X @ theta)) for X, z in zip(rows, y, strict=True)]
     noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
-    given = [*"abcde"], [], Prior(np.zeros(p), prior), theta, shares, usual, [noise]
-    fit = TrajectoryFit(*given, [], [], (), "converged")
+    fit = TrajectoryFit([*"abcde"], [], Prior(np.zeros(p), prior), theta, usual, [noise], [], [], shares)
     gain = gains(fit, np.eye(p)[[4]] > 0)[0]
     assert clearly_better(gain) and not clearly_better(np.array([2.0, -1.0]))
     for k in range(pieces):

@@ -24,10 +24,6 @@ class Independent:
     scatters: None = None
 
     @property
-    def end(self):
-        return setup_search.Start(self.theta, None, ())
-
-    @property
     def covariance(self):
         return np.diag(self.std**2)
 
@@ -49,8 +45,8 @@ def search_of(best, std, wider=1, groups=None):
     best = np.asarray(best, float)
     first = Independent(best, np.broadcast_to(std, best.shape), np.zeros(len(best)), np.zeros(len(best), bool))
 
-    def refit(start, free, rounds):
-        return replace(first, theta=np.where(free, best, start.theta), free=free, std=wider * first.std)
+    def refit(begin):
+        return replace(begin, theta=np.where(begin.free, best, begin.theta), std=wider * first.std)
 
     search = searched(Search(first), refit, np.ones(len(best), bool), groups or {})
     return [each.index for each in search.deviations], search
@@ -87,16 +83,14 @@ def test_an_error_beyond_what_is_stated_has_a_wider_prior(sign):
     def search_of_two(best):
         gradient = information @ np.array([best, 0.0])
 
-        def fit_of(theta, free, prior):
-            shares = [(information / 2, (gradient - information @ theta) / 2)] * 2
-            return TrajectoryFit(["a", "b"], [], prior, theta, shares, free, [], [], [], (), "near")
-
-        def refit(start, free, rounds):
-            precision, theta = (information + start.prior.precision)[np.ix_(free, free)], start.theta.copy()
+        def refit(begin):
+            theta, free = begin.theta.copy(), begin.free
+            precision = (information + begin.prior.precision)[np.ix_(free, free)]
             theta[free] = np.linalg.solve(precision, gradient[free])
-            return fit_of(theta, free, start.prior)
+            return replace(begin, theta=theta, shares=[(information / 2, (gradient - information @ theta) / 2)] * 2)
 
-        first = fit_of(np.zeros(2), none, Prior(np.zeros(2), np.eye(2) / 0.001**2))
+        prior = Prior(np.zeros(2), np.eye(2) / 0.001**2)
+        first = refit(TrajectoryFit(["a", "b"], [], prior, np.zeros(2), none, [], [], []))
         return searched(Search(first), refit, ~none, {}, gross=np.array([0.1, 0.0]))
 
     far = search_of_two(sign * 0.101)
@@ -120,8 +114,8 @@ def test_a_group_of_more_than_are_ever_found_is_no_alternative():
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 
-    def refit(start, free, rounds):
-        begun.append((start.theta.tolist(), free.tolist()))
+    def refit(begin):
+        begun.append((begin.theta.tolist(), begin.free.tolist()))
         raise ExcitationError("The fit diverges.")
 
     search = searched(Search(first), refit, np.zeros(2, bool), {}, delays={1: lambda fit: 0.1})

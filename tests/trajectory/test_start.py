@@ -50,12 +50,11 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     measured = clean + std * rng.normal(size=clean.shape)
     measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
     own = Piece(spline, time, x[0] + 1e-6 * rng.normal(size=x[0].shape), time, measured, nothing)
-    result = start(m, [own], smoothed([own]), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
-    noise = result.noises[0]
-    assert not result.theta[r:].any() and not noise.channels_rho.any()
+    found, (noise,) = start(m, [own], smoothed([own]), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
+    assert not found[r:].any() and not noise.channels_rho.any()
     np.testing.assert_allclose(noise.channels, std, rtol=0.15)
     np.testing.assert_allclose(noise.floor_channels, 1e-3 * np.nanstd(measured, axis=0))
-    fitted = m.values(x[:3], nothing, result.theta).T
+    fitted = m.values(x[:3], nothing, found).T
     assert (np.sqrt(np.mean((fitted - clean) ** 2, axis=0)) < 0.25 * std).all()
 
 
@@ -72,10 +71,10 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeyp
     fits, covariances, fit, with_scatter = [], [], iteration.fit, stages.with_scatter
     begun = stages.Stages.begun
 
-    def counting(measurement, pieces, begin, **how):
+    def counting(measurement, begin, **how):
         if len(begin.theta):
-            fits.append(sum(len(piece.when) for piece in pieces))
-        return fit(measurement, pieces, begin, **how)
+            fits.append(sum(len(piece.when) for piece in begin.pieces))
+        return fit(measurement, begin, **how)
 
     def scattered(measurement, fit, **how):
         covariances.append(sum(len(piece.when) for piece in fit.pieces))
@@ -105,9 +104,9 @@ def test_smoothness_begins_lower_once_set_up_errors_are_known(delay, factor, mon
     """Begun where it was with a person's displaced joints in the residuals, that of the pelvis stayed too high."""
     ends, begins, fit, converged = [], [], iteration.fit, moves.converged
 
-    def fitted(measurement, pieces, begin, **how):
+    def fitted(measurement, begin, **how):
         begins.append(begin.noises)
-        return fit(measurement, pieces, begin, **how)
+        return fit(measurement, begin, **how)
 
     def last(stages, estimate):
         ends.append((estimate.fit.noises, len(begins)))
