@@ -16,9 +16,9 @@ from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import channel_scales
 from ident.recordings.times import Sampled
-from ident.tolerances import UNEXPLAINED
+from ident.tolerances import ROUNDING, UNEXPLAINED
 from ident.trajectory.angles_alone import Trajectory, smoothed
-from ident.trajectory.fit.fitted import TrajectoryFit, inverse_of_precision
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
 
 SMOOTHING = 0.01 * 2.0 ** np.arange(6)
@@ -28,15 +28,9 @@ CLEARLY = 0.03
 """Decrease of the mean log error, over the explained channels, with which another fit replaces the usual one: white
 weights cost less and are more robust to model errors."""
 
-TINIEST = 1e-9
-"""Least error relative to the signal, so that its logarithm is finite."""
-
 LOSSES = 3.0
 """Ratio of the gains of pieces to the losses of others above which a parameter is accepted: pieces carry different
 information on it, so that neither their number nor a mean would do."""
-
-DETERMINED = 1e-9
-"""Least share of a parameter's precision in the other pieces with which it is fitted without one."""
 
 
 class Fitted(Protocol):
@@ -94,7 +88,7 @@ def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, 
     own = fit.shares[pieces]
     precision = sum((-schur for schur, _ in own), start=fit.precision)
     right = sum((-gradient for _, gradient in own), start=fit.gradient)
-    free = fit.free & (np.diag(precision) > DETERMINED * np.diag(fit.precision))
+    free = fit.free & (np.diag(precision) > ROUNDING * np.diag(fit.precision))
     theta, inverse = fit.theta.copy(), inverse_of_precision(precision[np.ix_(free, free)])
     theta[free] += inverse @ right[free]
     return theta, inverse, free
@@ -199,7 +193,7 @@ def _cost(fit: TrajectoryFit, k: int, free: np.ndarray) -> float:
     """
     schur, right = fit.shares[k]
     others = fit.precision - schur
-    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > DETERMINED * np.diag(fit.precision))
+    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > ROUNDING * np.diag(fit.precision))
     apart = free & ~shared
     step, own = np.zeros(len(free)), np.ix_(apart, apart)
     step[shared] = inverse_of_precision(others[np.ix_(shared, shared)]) @ (fit.gradient - right)[shared]

@@ -25,7 +25,7 @@ from ident.errors import ExcitationError
 from ident.estimation.preparation import length
 from ident.estimation.setup_parameters import SetupParameter
 from ident.parameters.consistency import consistent_parameters
-from ident.tolerances import SIGNIFICANT
+from ident.tolerances import ROUNDING, SIGNIFICANT
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.iteration import SETTLED
@@ -71,8 +71,8 @@ rubs ends at 1.00, from 1.03 while θ moves by 24."""
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
-KNOTS_PER_SAMPLE, SLACK = 2.0, 1e-6
-"""Least number of samples per knot, and relative tolerance of that limit."""
+KNOTS_PER_SAMPLE = 2.0
+"""Least number of samples per knot."""
 
 ROUGHER = 1e3
 """Factor by which smoothness that was estimated while set-up errors were in the residuals begins lower than it ended.
@@ -232,7 +232,7 @@ def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:
     half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
     between = [float(np.median(np.diff(piece.when))) for piece in pieces]
     pairs = zip((estimate.steps[piece.log] for piece in pieces), between, strict=True)
-    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + SLACK)), default=0.0)
+    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + ROUNDING)), default=0.0)
     for at, each in stages.setup.items():
         if each.row.shift is not None:
             out[at] = UNFOLLOWED * step / abs(each.row.shift(half))

@@ -60,8 +60,8 @@ SMOOTHED = 0.02, 0.08
 REMAINING = 0.9
 """Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
 
-TRIED, COMPARED = 20_000, 400
-"""Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
+COMPARED = 400
+"""Approximate largest number of samples of channels to compare."""
 
 
 def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -210,7 +210,6 @@ def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float
         The delay, zero if none is clearly better than no delay.
     """
     own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
-    own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
     longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
     # After a longer delay channels and motion do not overlap; no prior has no limit of its own.

@@ -34,6 +34,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import CHANCE
 from ident.trajectory.algebra.arrow import joined
 from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, root_of_inverse, share
 from ident.trajectory.fit.piece import Noise, Point
@@ -41,9 +42,6 @@ from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised,
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
-
-SETTLED_NOISE = 0.02
-"""Largest last change of the noise, relative for standard deviations."""
 
 SETTLED_EXPLORING = 0.005
 """Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
@@ -65,9 +63,8 @@ LEAST_LEFT = 0.05
 MOST_CORRELATED = 0.99
 """Upper limit of ρ; above it the mean of a channel is practically free."""
 
-CHANCE, WHITE_AGAIN = 2.0, 1.0
-"""Correlations, in standard deviations of that of white noise: the one above which white noise becomes correlated, and
-the one below which correlated noise becomes white again."""
+WHITE_AGAIN = 1.0
+"""Correlation, in standard deviations of that of white noise, below which correlated noise becomes white again."""
 
 COLOURED_FLOOR = 15.0
 """Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
@@ -96,7 +93,7 @@ class Tolerance(NamedTuple):
 
 
 SETTLED = Tolerance(0.02, 0.1)
-"""Tolerance of convergence."""
+"""Tolerance of convergence; that of θ is that of the noise, too, relative for standard deviations."""
 
 NEAR = Tolerance(0.1, 0.5)
 """Tolerance of fits that only decide: what they decide does not change any more from there on."""
@@ -155,7 +152,7 @@ def fit(
             both = list(zip(noises, before, strict=True))
             if explore and number and all(_noise_converged(*pair) for pair in both):
                 status = "near"
-            elif max(new.change(old) for new, old in both) < SETTLED_NOISE and settled.holds(*last):
+            elif max(new.change(old) for new, old in both) < SETTLED.theta and settled.holds(*last):
                 status = "converged" if SETTLED.holds(*last) else "near"
             elif stalled > 1:
                 status = "stuck"

@@ -43,13 +43,10 @@ take 2.2 GB; half of them take 1.3 GB, and standard deviations differ by 1 %."""
 UPDATES = 100
 """Number of multiplicative updates of the amplitudes, which never lower the likelihood."""
 
-DOUBTED = 2.0
-"""Least gain in log likelihood with which a correlation time is included: by chance there is always some gain, and a
-little of the slowest noise matters for parameters with nearly constant columns."""
-
-ALIKE = 1.5
-"""Variance of a band's power over that of independent frequencies: the taper makes neighbouring ones alike. It is the
-mean fourth power of the taper."""
+DOUBTED = 3.0
+"""Least gain in log likelihood, as if frequencies were independent, with which a correlation time is included: by
+chance there is always some gain, and a little of the slowest noise matters for parameters with nearly constant columns.
+It stands for a gain of 2: the taper makes neighbouring frequencies alike, by its mean fourth power of 1.5."""
 
 LEFT = 0.05
 """Least share of white noise left in a band with which it is used, relative to the band with most."""
@@ -291,4 +288,4 @@ def _likeliest(
         if step < UPDATES:
             pull, weight = (own @ x[..., None] for x in (counts / power * (observed / power), counts / power))
             a *= np.sqrt(pull / np.maximum(weight, TINIEST))[..., 0]
-    return a, -(counts * (np.log(power / counts) + observed / power)).sum(axis=1) / ALIKE
+    return a, -(counts * (np.log(power / counts) + observed / power)).sum(axis=1)
