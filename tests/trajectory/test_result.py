@@ -94,14 +94,6 @@ def test_slow_residuals_tell_less_than_a_fit_takes_them_for():
     assert (np.abs(estimate.psi - parameters.regroup(arm.known)) < 1.96 * estimate.std).mean() > 0.9
 
 
-def test_a_prior_has_what_is_known_and_how_it_counts():
-    prior = Prior(np.zeros(2), np.diag([4.0, 9.0]))
-    thrice = prior.weighted(3.0)
-    np.testing.assert_allclose(thrice.precision, 3 * prior.precision)
-    for each in (prior.known, thrice.known, thrice.weighted(1.0).precision):
-        np.testing.assert_allclose(each, prior.precision)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_pieces_left_out_of_linear_equations(seed):
     """Parameters without a piece, and what left-out pieces cost less by the last one, which is held otherwise."""
