@@ -34,13 +34,6 @@ def identified(wrench, covariance=None):
     return fitted(TREE, sampled(*STATES, wrench, covariance=covariance), parameters=BASE)
 
 
-@pytest.mark.parametrize("covariance", [None, CONSTANT, MOVING])
-def test_without_noise_the_truth_comes_back(covariance):
-    estimate = identified(Y @ PHI, covariance)
-    np.testing.assert_allclose(estimate.psi, TRUTH, atol=1e-11)
-    assert estimate.epsilon < 1e-9 and (covariance is not None or estimate.rows == 5 * 200)
-
-
 @pytest.mark.parametrize("weights", [None, STD])
 def test_least_squares_are_numpys_weighted_ones_on_whitened_rows(weights):
     wrench = Y @ PHI + STD * np.random.default_rng(1).normal(size=(200, 6))

@@ -4,7 +4,7 @@ import driven_arm
 import numpy as np
 import pytest
 from measurements import random_measurement
-from recorded_faults import PENDULUM, faulty, shortened
+from recorded_faults import PENDULUM, faulty
 
 import ident
 from ident.errors import ExcitationError
@@ -107,6 +107,6 @@ def test_smoothness_begins_lower_once_set_up_errors_are_known(delay, factor, mon
 
     monkeypatch.setattr(iteration, "fit", fitted)
     monkeypatch.setattr(moves, "converged", last)
-    ident.identify(PENDULUM, shortened(faulty(delay=delay), 400))
+    ident.identify(PENDULUM, faulty(delay=delay))
     ((before, at),) = ends
     np.testing.assert_allclose(before[0].jerk / begins[at][0].jerk, factor)
