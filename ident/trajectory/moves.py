@@ -35,7 +35,7 @@ from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.left_out import CLEARLY, Move, after, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import speeds
-from ident.trajectory.setup_search import searched
+from ident.trajectory.setup_search import SearchSpace, searched
 from ident.trajectory.stages import EXPLORED, Stages
 from ident.trajectory.start import likely_delay, smoothed
 
@@ -213,10 +213,14 @@ def with_setup_errors(stages: Stages, estimate: TrajectoryEstimate) -> Trajector
 
     far = [at for at, each in stages.setup.items() if each.row.far and stages.search]
     delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
-    candidates, least = stages.is_setup & ~stages.is_estimated & stages.search, _unfollowed(stages, estimate)
-    drives, groups = stages.is_drive & ~estimate.fit.unbound.free, _groups(stages.setup, len(stages.names))
-    search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, stages.gross)
-    return replace(estimate, search=search)
+    space = SearchSpace(
+        setup=stages.is_setup & ~stages.is_estimated & stages.search,
+        drives=stages.is_drive & ~estimate.fit.unbound.free,
+        least=_unfollowed(stages, estimate),
+        gross=stages.gross,
+        groups=_groups(stages.setup, len(stages.names)),
+    )
+    return replace(estimate, search=searched(estimate.search, scattered, space, delays))
 
 
 def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:

@@ -110,7 +110,7 @@ class SearchSpace:
     Attributes:
         setup: Mask of those of the set-up (p,).
         drives: Mask of drives, which are not negative and have no prior (p,).
-        least: Sizes below which they are rejected (p,).
+        least: Sizes below which they are rejected (p,), in addition to `NEGLIGIBLE`.
         gross: Standard deviations of errors beyond what is stated, zero for none (p,).
         groups: Directions in which several change together, by description (p,) each.
     """
@@ -173,37 +173,22 @@ class SearchSpace:
         return values, np.where(likely, z, 0.0)
 
 
-def searched(
-    first: Search,
-    refit: Refit,
-    candidates: np.ndarray,
-    groups: Mapping[str, np.ndarray],
-    least: np.ndarray | float = 0.0,
-    drives: np.ndarray | None = None,
-    delays: Delays = MappingProxyType({}),
-    gross: np.ndarray | float = 0.0,
-) -> Search:
+def searched(first: Search, refit: Refit, space: SearchSpace, delays: Delays = MappingProxyType({})) -> Search:
     """Frees parameters as long as some are significant and improve the prediction of left-out pieces.
 
     Args:
         first: The fit with the set-up as stated, or as estimated so far.
         refit: Function that fits again, with the covariance under the estimated noise.
-        candidates: Mask of the set-up parameters (p,).
-        groups: Directions in which several parameters change together, by description (p,) each; those of more than
-            `MOST_DEVIATIONS` are neither tried nor alternatives.
-        least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
-        drives: Mask of drives to try beside them (p,).
+        space: Parameters that may be freed; groups of more than `MOST_DEVIATIONS` are neither tried nor alternatives.
         delays: Long delays to try before, of which those that later ones make needless are removed again.
-        gross: Standard deviations of errors beyond what is stated, zero for none (p,).
     """
     first = _with_long_delays(first, refit, delays)
-    drives = np.zeros_like(candidates) if drives is None else drives
-    groups = {name: each for name, each in groups.items() if np.count_nonzero(each) <= MOST_DEVIATIONS}
+    groups = {name: each for name, each in space.groups.items() if np.count_nonzero(each) <= MOST_DEVIATIONS}
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
-    known = _known(first.fit)
-    least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
-    every = SearchSpace(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
+    tests = max((space.setup | space.drives).sum() + len(groups), 1)
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / tests))
+    least = np.where(space.drives, 0.0, np.maximum(NEGLIGIBLE * _known(first.fit), space.least))
+    every = replace(space, least=least, groups=groups)
 
     def proposed(search: Search) -> Move[Search] | None:
         if search.fit.free.sum() - first.fit.free.sum() >= MOST_DEVIATIONS:
@@ -220,7 +205,7 @@ def searched(
 
         def kept(tried: Search) -> bool:
             significant = step.is_significant(tried, threshold)
-            if significant and (np.abs(tried.fit.theta) > INCREDIBLE * _known(tried.fit))[candidates].any():
+            if significant and (np.abs(tried.fit.theta) > INCREDIBLE * _known(tried.fit))[space.setup].any():
                 raise _IncredibleError
             return significant
 
@@ -229,7 +214,8 @@ def searched(
     try:
         return _without_idle(moved(first, proposed), refit, delays, threshold)
     except _IncredibleError:
-        return replace(searched(first, refit, np.zeros_like(candidates), {}, drives=drives), incredible=True)
+        drives_alone = replace(space, setup=np.zeros_like(space.setup), groups={})
+        return replace(searched(first, refit, drives_alone), incredible=True)
 
 
 class _IncredibleError(Exception):

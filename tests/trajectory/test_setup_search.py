@@ -1,7 +1,7 @@
 """Search for set-up errors over parameters that are estimated independently."""
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from ident.errors import ExcitationError
 from ident.trajectory import setup_search
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
-from ident.trajectory.setup_search import Search, searched
+from ident.trajectory.setup_search import Search, SearchSpace, searched
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,12 @@ def left_out_pieces_agree(monkeypatch):
     monkeypatch.setattr(setup_search, "gains", lambda fitted, candidates: np.ones((len(candidates), 1)))
 
 
+def space(setup, gross=0.0, groups=MappingProxyType({})):
+    """Set-up parameters without drives beside them."""
+    zeros = np.zeros(len(setup))
+    return SearchSpace(setup, zeros > 0, zeros, zeros + gross, groups)
+
+
 def search_of(best, std, wider=1, groups=None):
     """The deviating parameters and the search for estimates of each, whose refits have a wider standard deviation."""
     best = np.asarray(best, float)
@@ -48,7 +54,7 @@ def search_of(best, std, wider=1, groups=None):
     def refit(begin):
         return replace(begin, theta=np.where(begin.free, best, begin.theta), std=wider * first.std)
 
-    search = searched(Search(first), refit, np.ones(len(best), bool), groups or {})
+    search = searched(Search(first), refit, space(np.ones(len(best), bool), groups=groups or {}))
     return [each.index for each in search.deviations], search
 
 
@@ -91,7 +97,7 @@ def test_an_error_beyond_what_is_stated_has_a_wider_prior(sign):
 
         prior = Prior(np.zeros(2), np.eye(2) / 0.001**2)
         first = refit(TrajectoryFit(["a", "b"], [], prior, np.zeros(2), none, [], [], []))
-        return searched(Search(first), refit, ~none, {}, gross=np.array([0.1, 0.0]))
+        return searched(Search(first), refit, space(~none, np.array([0.1, 0.0])))
 
     far = search_of_two(sign * 0.101)
     assert [each.gross for each in far.deviations] == [True] and abs(far.fit.theta[0] - sign * 0.1) < 0.03
@@ -118,6 +124,6 @@ def test_a_long_delay_is_not_taken_if_the_fit_diverges():
         begun.append((begin.theta.tolist(), begin.free.tolist()))
         raise ExcitationError("The fit diverges.")
 
-    search = searched(Search(first), refit, np.zeros(2, bool), {}, delays={1: lambda fit: 0.1})
+    search = searched(Search(first), refit, space(np.zeros(2, bool)), {1: lambda fit: 0.1})
     assert search.fit is first and not search.deviations
     assert begun == [([0.0, 0.1], [True, True])]
