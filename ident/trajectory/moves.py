@@ -9,8 +9,9 @@
 6. Set-up errors and further friction are freed one by one (`ident.trajectory.setup_search`).
 7. The estimate converges (`SETTLED`): fits before it end once what they decide would not change any more (`NEAR`).
 
-Moves 2, 4 and 5 share one test, `better`. Standard deviations follow from noise that is estimated independently of the
-weights (`ident.trajectory.fit.sandwich`).
+Moves 2, 4 and 5 share one test, `better`. All but knots, of which each recording keeps its own, are kept or undone by
+`ident.trajectory.left_out.after`. Standard deviations follow from noise that is estimated independently of the weights
+(`ident.trajectory.fit.sandwich`).
 """
 
 from collections import defaultdict
@@ -186,16 +187,16 @@ def whole(stages: Stages, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
     Noise that is correlated there has to predict all pieces better as well: white noise is the more robust choice.
     The covariance of its gradient is that of the fewer pieces, by numbers of samples: enough for score tests.
     """
-    pieces, selected, counts = stages.cut(estimate.steps, 1)
+    pieces = stages.cut(estimate.steps, 1)
     alone = smoothed(pieces, estimate.fit.noises, executor=stages.executor)
     if estimate.reversals is not None:
-        theta = [estimate.fit.theta[own] for own in selected]
+        theta = [estimate.fit.theta[stages.of_recording[piece.log]] for piece in pieces]
         rates = [speeds(stages.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
         pieces = estimate.reversals.opened(pieces, rates)
-    begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
+    begun = replace(estimate.fit, pieces=pieces, coefficients=alone.coefficients)
     begun = replace(begun, theta=np.where(begun.free | ~stages.is_setup, begun.theta, stages.prior.mean))
     begun = replace(begun, noises=[replace(own, channels_rho=0 * own.channels_rho) for own in begun.noises])
-    out = stages.refitted(replace(estimate.with_fit(begun.unbound), counts=counts, coloured=False))
+    out = stages.refitted(replace(estimate.with_fit(begun.unbound), coloured=False))
     out = _coloured(stages, out) if estimate.coloured else out
     if out.fit.status == "interrupted":
         return out

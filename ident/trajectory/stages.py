@@ -41,7 +41,7 @@ class Stages:
         recordings: Parts of recordings to fit.
         names: Names of all parameters.
         setup: Those of the set-up by index.
-        selections: Indices of each recording's parameters among all.
+        of_recording: Indices of each recording's parameters among all.
         prior: Prior of all parameters.
         known: True if it includes a prior of the model's parameters.
         search: True to search for set-up errors.
@@ -53,7 +53,7 @@ class Stages:
     recordings: Sequence[Part[slice]]
     names: Sequence[str]
     setup: Mapping[int, SetupParameter]
-    selections: Sequence[np.ndarray]
+    of_recording: Sequence[np.ndarray]
     prior: Prior
     known: bool
     search: bool
@@ -76,7 +76,7 @@ class Stages:
         equations = self.measurement.equations
         local = equations.parameters.rank + np.flatnonzero(~np.isin(equations.drives, equations.mixed))
         out = np.zeros(len(self.names), bool)
-        out[[own[local] for own in self.selections]] = True
+        out[[own[local] for own in self.of_recording]] = True
         return out
 
     @cached_property
@@ -90,7 +90,7 @@ class Stages:
 
     def begun(self, steps: Sequence[float], share: int) -> TrajectoryEstimate:
         """Exploring fit with given knot spacings, s, of every `share`-th piece, begun from angles alone."""
-        pieces, selected, counts = self.cut(steps, share)
+        pieces = self.cut(steps, share)
         # A moving base is followed by cameras, whose errors last; encoders have none that do.
         alone = smoothed(pieces, coloured=self.measurement.of_base > 0, executor=self.executor)
         p, theta, reversals = len(self.measurement.names), self.prior.mean.copy(), None
@@ -99,33 +99,34 @@ class Stages:
             reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         prior = self.prior.mean[:p], self.prior.precision[:p, :p]
-        theta[np.array(selected)], noises = start(self.measurement, pieces, alone, prior, ~self.is_setup[:p])
+        theta[np.array(self.of_recording)], noises = start(self.measurement, pieces, alone, prior, ~self.is_setup[:p])
         free = ~self.is_setup | self.is_estimated
-        fit = TrajectoryFit(self.names, selected, self.prior, theta, free, noises, alone.coefficients, pieces)
+        at = theta, free, noises, alone.coefficients, pieces
+        fit = TrajectoryFit(self.names, self.of_recording, self.prior, *at)
         stated = tuple(Deviation(k, ()) for k, each in self.setup.items() if each.row.stated)
-        how = Search(fit, stated), counts, tuple(steps), self.known
+        how = Search(fit, stated), tuple(steps), self.known
         begun = TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
         return self.refitted(begun, rounds=EXPLORED, explore=True)
 
     def denser(self, coarse: TrajectoryEstimate, steps: Sequence[float], share: int) -> TrajectoryEstimate:
         """Exploring fit with other knots, warm-started from another one."""
-        pieces, selected, _ = self.cut(steps, share)
+        pieces = self.cut(steps, share)
         was = coarse.fit
         places = [
             old.spline.refined(c, new.spline) for old, new, c in zip(was.pieces, pieces, was.coefficients, strict=True)
         ]
         pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
-        fit = replace(was, pieces=pieces, selections=selected, coefficients=places)
+        fit = replace(was, pieces=pieces, coefficients=places)
         return self.refitted(replace(coarse.with_fit(fit), steps=tuple(steps)), rounds=EXPLORED, explore=True)
 
-    def cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
-        """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
-        cuts = [
-            [replace(piece, log=k) for piece in self._cut_one(part, step, share)[::share]]
-            for k, (part, step) in enumerate(zip(self.recordings, steps, strict=True))
+    def cut(self, steps: Sequence[float], share: int) -> list[Piece]:
+        """Every `share`-th piece of all recordings."""
+        cuts = zip(self.recordings, steps, strict=True)
+        return [
+            replace(piece, log=k)
+            for k, (part, step) in enumerate(cuts)
+            for piece in self._cut_one(part, step, share)[::share]
         ]
-        selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
-        return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
     def _cut_one(self, part: Part[slice], step: float, share: int) -> list[Piece]:
         """Pieces of a recording, of which each `share`-th is used; fewer if a coordinate is missing in one of them."""
@@ -153,7 +154,7 @@ class Stages:
         fit = replace(
             was,
             names=self.names,
-            selections=[self.selections[piece.log] for piece in was.pieces],
+            of_recording=self.of_recording,
             prior=self.prior.weighted(was.prior.weight).loosened(beyond, self.gross),
             theta=theta,
             free=free,

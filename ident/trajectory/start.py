@@ -132,7 +132,7 @@ def smoothed(
         replace(piece, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
         for piece in pieces
     ]
-    prior, no_indices = Prior(none, np.zeros((0, 0))), [np.zeros(0, int)] * len(pieces)
+    prior, no_indices = Prior(none, np.zeros((0, 0))), [np.zeros(0, int)] * len(logs)
     fit = TrajectoryFit([], no_indices, prior, none, none > 0, own, [_interpolated(piece) for piece in pieces], bare)
     fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
     for rounds, kept, may in fits:

@@ -55,7 +55,7 @@ def test_uncertainty_of_the_set_up_is_what_it_would_add_were_it_fitted_as_well(s
         gradient=np.zeros(4),
         prior=SimpleNamespace(known=known, weight=weight),
     )
-    estimate = TrajectoryEstimate(None, Search(fit), (1,), 0.1, False, setup=dict(enumerate(setup, 2)))
+    estimate = TrajectoryEstimate(None, Search(fit), (0.1,), False, setup=dict(enumerate(setup, 2)))
     added = estimate.covariance_of_setup
     expected = np.linalg.inv(information + both)[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
     np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)

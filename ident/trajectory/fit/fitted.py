@@ -115,7 +115,7 @@ class TrajectoryFit:
 
     Attributes:
         names: Names of θ.
-        selections: Indices in θ of each piece's parameters.
+        of_recording: Indices in θ of the parameters of every recording.
         prior: Prior of θ.
         theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
         free: Mask of the fitted parameters (p,).
@@ -132,7 +132,7 @@ class TrajectoryFit:
     """
 
     names: Sequence[str]
-    selections: Sequence[np.ndarray]
+    of_recording: Sequence[np.ndarray]
     prior: Prior
     theta: np.ndarray
     free: np.ndarray
@@ -144,6 +144,11 @@ class TrajectoryFit:
     status: str = "stopped"
     scatters: Sequence[np.ndarray] | None = None
     bounded: np.ndarray | None = None
+
+    @property
+    def selections(self) -> list[np.ndarray]:
+        """Indices in θ of every piece's parameters."""
+        return [self.of_recording[piece.log] for piece in self.pieces]
 
     @property
     def points(self) -> list[Point]:
