@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from ident.trajectory.algebra import whitening
 from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, TrajectoryFit
+from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import LEAST_MOTION, fit, renewed
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
