@@ -176,7 +176,7 @@ SPRUNG = ARM.replace('name="shoulder"', 'name="shoulder" stiffness="80" springre
 )
 
 
-@pytest.mark.parametrize("estimator", ["weighted", "trajectory"])
+@pytest.mark.parametrize("estimator", ["ordinary", "trajectory"])
 def test_the_model_as_it_came_predicts_with_its_drives_and_the_estimate_is_the_same(estimator):
     """Of angles and torques of an arm by MuJoCo, with little noise."""
     model, rng, time = mujoco.MjModel.from_xml_string(SPRUNG), np.random.default_rng(0), np.arange(0, 12, 0.02)

@@ -100,6 +100,8 @@ def test_streams_are_in_range_too():
     late = (recording.time, np.where(np.arange(len(recording.time)) == 7, 1e160, recording["bend_torque"]))
     with pytest.raises(ident.InputError, match=r"'bend_torque' needs numbers below 1e\+08, sample 7 has 1e\+160"):
         ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": late}))
+    tiny = (recording.time, 1e-200 * recording["bend_torque"])
+    assert "bend" not in prepared(arm, ident.Recording.from_streams(streams | {"bend_torque": tiny})).equations.channels
 
 
 def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
