@@ -33,7 +33,7 @@ LOSSES = 3.0
 information on it, so that neither their number nor a mean would do."""
 
 
-class Fitted(Protocol):
+class HasFit(Protocol):
     """Estimate, or search for one."""
 
     @property
@@ -41,7 +41,7 @@ class Fitted(Protocol):
         """Its fit."""
 
 
-State = TypeVar("State", bound=Fitted)
+State = TypeVar("State", bound=HasFit)
 
 
 class Move(NamedTuple, Generic[State]):

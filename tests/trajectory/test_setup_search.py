@@ -117,6 +117,15 @@ def test_a_group_of_more_than_are_ever_found_is_no_alternative():
         assert [each.together for each in search.deviations] == [named]
 
 
+def test_an_interrupted_fit_ends_the_search_untested():
+    first = Independent(np.array([2.0]), np.array([0.1]), np.zeros(1), np.zeros(1, bool))
+
+    def refit(begin):
+        return replace(begin, std=100 * begin.std, status="interrupted")
+
+    assert searched(Search(first), refit, space(np.ones(1, bool))).fit.status == "interrupted"
+
+
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 
