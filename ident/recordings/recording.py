@@ -281,6 +281,11 @@ class Recording(Brief):
             columns.append(self.measured.get(f"{joint}_torque", missing).reshape(missing.shape))
         return np.hstack(columns)
 
+    def joint_noise(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Standard deviations of the channels of hinges and slides, zero where unknown, each (n,)."""
+        q, dq, ddq = (np.array([self.noise.get(f"{joint}_{kind}", 0.0) for joint in joints]) for kind in STATES)
+        return q, dq, ddq
+
     @property
     def wrenches(self) -> tuple[str, ...]:
         """Names of the wrenches that have both a force and a torque channel."""
