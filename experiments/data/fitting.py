@@ -168,8 +168,7 @@ def fit(
     measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(motion, measured, covariance)
     base = structural_base_parameters(mechanism, kept=None if kept is None else tuple(kept))
-    noise = recording.joint_noise(joints)
-    made = huber_white(least_squares(Equations(mechanism, base), samples, state_noise=noise), samples)
+    made = huber_white(least_squares(Equations(mechanism, base), samples), samples)
     return Fitted(base, made.psi, made.std, base.regroup(mechanism.known), made, made.predicted(motion))
 
 

@@ -33,9 +33,8 @@ USUAL = 0.1
 WIDTH = 6
 """Channels of a tracked body; its measured orientation, rotation matrix and r, has twice as many numbers."""
 
-ALIGNED, EXACT = 100, 1e-12
-"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
-tolerance of the fit."""
+ALIGNED = 100
+"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -270,7 +269,7 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
         return np.concatenate([(inverse(F) @ T @ M - measured)[:, :3].ravel() for (F, M), (T, measured) in each])
 
     starts = (np.append(turn.as_rotvec(), np.zeros(3)) for turn in Rotation.create_group("O"))
-    fits = [least_squares(errors, x, method="lm", xtol=EXACT, ftol=EXACT, gtol=EXACT) for x in starts]
+    fits = [least_squares(errors, x, method="lm") for x in starts]
     solved = frames(min(fits, key=lambda fit: fit.cost).x)
     return {
         name: Tracked(tree.names.index(each.body), F, M, TRACKER if each.frame is None else "a stated frame")

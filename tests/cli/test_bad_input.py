@@ -112,7 +112,7 @@ REFUSED = [
     ("misaligned --trials 1", "2 to 1000000, or 0, got '1'"),
     ("misaligned --resume --samples 60", "--resume needs --trials"),
     ("misaligned --formats bmp", "invalid choice: 'bmp'"),
-    ("misaligned --samples 3", "3 samples does not separate the base parameters"),
+    ("misaligned --samples 3", "needs at least 10 finite poses, got 3"),
     ("misaligned --samples 60 --out file", "needs to be a writable folder, got"),
     ("sweep pendulum --over samples 100", "invalid choice: 'pendulum'"),
     ("sweep multicontact --over samples 100 many", "sweep.values needs a whole number of at least 1, got many"),
