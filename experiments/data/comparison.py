@@ -16,7 +16,8 @@ from ident.annotations import fits, in_words
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.limits import reason
-from ident.judgement.residuals import UNLIKELY, Comparison
+from ident.judgement.residuals import Comparison
+from ident.tolerances import SIGNIFICANT
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out", "verbose")
 """Options without effect on results, and files, which are compared by content."""
@@ -318,7 +319,7 @@ def agreement(values: Sequence[Mapping[str, float]], covariances: Sequence[np.nd
     for _ in range(20):
         difference, spans, chi2 = _from_others(x, covariance, precision, agree)
         spread2 = max(1.0, float(np.median(chi2) / special.chdtri(len(names), 0.5)))
-        before, agree = agree, special.chdtrc(len(names), chi2 / spread2) > UNLIKELY / len(x)
+        before, agree = agree, special.chdtrc(len(names), chi2 / spread2) > SIGNIFICANT / len(x)
         if (agree == before).all() or not agree.any():
             break
     return LogAgreement(names, difference, np.sqrt(spread2 * spans), chi2 / spread2, float(np.sqrt(spread2)), ~agree)

@@ -17,7 +17,7 @@ from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
-from ident.tolerances import FAR_BETTER, ROUNDING
+from ident.tolerances import CLEARLY, FAR_BETTER, ROUNDING
 
 
 class FrameCheck(NamedTuple):
@@ -134,7 +134,7 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
     # In a planar motion several fit; the simplest mistake is the likeliest.
-    best = next(k for k, each in enumerate(errors) if each <= max(model_fit.TIE * min(errors), ROUNDING))
+    best = next(k for k, each in enumerate(errors) if each <= max(CLEARLY * min(errors), ROUNDING))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
 

@@ -30,11 +30,6 @@ SCALE, ALIKE = 3.0, 0.8
 """Factor between measured and predicted torque from which a unit or a gear ratio is missing; and the least share of the
 measured variance that the prediction must explain for that."""
 
-FAR = 2.0
-"""Distance of a torque from the model's, over the largest that likely bodies explain, above which the unit is wrong.
-Smaller ones may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm
-in its model, is 11.6 times the model's."""
-
 
 class TorqueLoad(NamedTuple):
     """Load on a body of the model that explains the torques best.
@@ -149,7 +144,9 @@ def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: f
     error, opposite = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
     gain, share = float(measured @ predicted) / size, float(measured @ predicted) / whole
     alike = gain * share
-    far = error > FAR * max(uncertain, 1e-300)
+    # Smaller distances may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its
+    # joint, 5 mm in its model, is 11.6 times the model's.
+    far = FAR_BETTER * error > max(uncertain, 1e-300)
     scaled = alike > ALIKE and far and not 1 / SCALE < abs(gain) < SCALE
     return TorqueCheck(joint, gain, opposite < FAR_BETTER * error, scaled)
 

@@ -28,8 +28,10 @@ from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.geometry.se3 import hat
 from ident.identification import identified
 from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
+from ident.judgement.residuals import BEYOND_CHANCE
 from ident.mechanism.mechanism import Mechanism
-from ident.payload import SIZE, Payload, pose_of_body
+from ident.parameters.prior import SMALLEST
+from ident.payload import Payload, pose_of_body
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor
@@ -42,9 +44,6 @@ DENSITY = 2000.0
 inertias of eight simulated tools with 500 are 100, 115 and 182 % of their size at three levels of noise, with this 56,
 76 and 162 %, with steel's 8000 38, 68 and 170 %, and with that also .4 to 1 % more of those that the motion shows."""
 
-SIGNIFICANT = 4.0
-"""Number of standard deviations from which a mass is significant."""
-
 TURNS_LEAST = 0.05
 """Standard deviation of gravity's direction in the sensor, over all axes, above which weight and offsets separate."""
 
@@ -56,8 +55,9 @@ ALONG, STEADY = 0.95, 2.0
 """Cosine of the angle between the mean force and gravity, and the mean over the changes, from which forces that do not
 turn with the sensor are in the axes of the base."""
 
-STEPS = 3
-"""Iterations between the direction of gravity and the mass that accelerates."""
+STEPS = 4
+"""Iterations between the direction of gravity and the mass that accelerates, and to a load's stated mass where scales
+of torques are uncertain: the last changes that mass by 1e-9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,13 +201,13 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"The forces of '{sensor}' keep their direction, {size:.3g} N along gravity, while the sensor turns: they "
             "are in the axes of the base, as a controller's TCP force. Turn them into the sensor's axes."
         )
-    if out.opposite and out.mass < -SIGNIFICANT * out.std and out.unexplained < UNEXPLAINED:
+    if out.opposite and out.mass < -BEYOND_CHANCE * out.std and out.unexplained < UNEXPLAINED:
         raise InputError(
             f"The forces of '{sensor}' weigh {out.mass:.3f} kg: they have the opposite sign; under [wrenches.{sensor}] "
             f"applied_to_link says whether they act on the body that is named there (true) or are what it exerts "
             "(false). Or gravity is upside down in the axes of base or poses: rpy_deg = [180, 0, 0] under [base]."
         )
-    if out.mass < SIGNIFICANT * out.std:
+    if out.mass < BEYOND_CHANCE * out.std:
         raise ExcitationError(
             f"The forces of '{sensor}' weigh {out.mass:.2g} ± {out.std:.1g} kg: they show no payload."
         )
@@ -227,7 +227,7 @@ def known(part: Mechanism) -> dict[str, float]:
     """Standard deviations of such bodies as a prior, which are wide."""
     mass, inertia = part.known[::10], part.known.reshape(-1, 10)[:, 4:7]
     least = inertia[mass > 0].min(axis=1) / mass[mass > 0]
-    return {"mass": 1.0, "center": SIZE, "inertia": float(max(1.0, SIZE**2 / max(least.max(), 1e-8)))}
+    return {"mass": 1.0, "center": SMALLEST, "inertia": float(max(1.0, SMALLEST**2 / max(least.max(), 1e-8)))}
 
 
 @typed("setup")

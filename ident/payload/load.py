@@ -33,7 +33,7 @@ from ident.parameters.body_bounds import scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.payload import Payload, SensorParameter
-from ident.payload.beyond_sensor import DENSITY
+from ident.payload.beyond_sensor import DENSITY, STEPS
 from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
@@ -45,9 +45,6 @@ from ident.trajectory.trajectory_estimate import RUBS, own_columns
 
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
-
-STEPS = 4
-"""Number of steps to a load's stated mass where scales of torques are uncertain; the last changes the mass by 1e-9."""
 
 LOAD = tuple(f"load({name})" for name in ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"))
 """Names of the load's parameters."""
