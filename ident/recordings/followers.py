@@ -16,16 +16,11 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import white_noise
 from ident.recordings.stated import Servo, model_servo
 from ident.recordings.times import GAP, Sampled
-
-EXACT = 1e-12
-"""Least noise of a position, rad or m, so that exact ones have finite weights."""
-
-LOOSE = 3.0
-"""Difference from closed loops over the noise, by their medians, above which a column contradicts them: of normal noise
-the ratio is 0.67, play and wrong places of pins make it larger."""
+from ident.tolerances import TINY
 
 OUTLYING = 5.0
-"""Difference over the noise above which a sample does not count."""
+"""Difference from closed loops over the noise above which a sample does not count; a column half of whose samples are
+so contradicts them, as by play and wrong places of pins."""
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -144,7 +139,7 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
         apart, noise, g = recording[name] - y[:, k], _noise(recording[name]), G[:, k]
         zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
         joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
-        if np.median(abs(off)) > LOOSE * np.median(expected):
+        if np.median(abs(off) / expected) > OUTLYING:
             notes.append(
                 f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
                 f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
@@ -158,7 +153,7 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
 
 
 def _noise(column: np.ndarray) -> float:
-    return max(white_noise(column, robust=True), EXACT)
+    return max(white_noise(column, robust=True), TINY)
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:
