@@ -30,6 +30,9 @@ CONDITION_LIMIT = 1e4
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
+LEAST_SAMPLES = 10
+"""Fewest samples that a log needs, and fewest poses from which an axis is recovered."""
+
 SIGNIFICANT = 1e-3
 """Significance level of the tests behind a verdict."""
 

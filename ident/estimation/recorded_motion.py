@@ -22,7 +22,8 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, smoothed
-from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
+from ident.recordings.times import Sampled, side_by_side
+from ident.tolerances import LEAST_SAMPLES
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""

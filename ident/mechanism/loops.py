@@ -22,7 +22,8 @@ PARALLEL = 5e-3
 which loops in a plane open visibly."""
 
 INDEPENDENT = 1e-3
-"""Part of a column of the constraints that counts as independent of others: models state places with few digits."""
+"""Part of a column of the constraints, or of an axis, that counts as independent of others: models state places and
+axes with few digits."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.recordings.times import LEAST_SAMPLES, Sampled
-from ident.tolerances import HUGE, NORMAL_MAD, ROUNDING
+from ident.recordings.times import Sampled
+from ident.tolerances import HUGE, LEAST_SAMPLES, NORMAL_MAD, ROUNDING
 
 UNIFORM = 1 / np.sqrt(12)
 """Standard deviation of the error of rounding to a step of one, which is uniformly distributed."""

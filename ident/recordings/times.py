@@ -16,6 +16,7 @@ from ident.files.table import BASE, EPOCH, FAR, TIME, Columns, Table
 from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
 from ident.recordings.stated import untracked
+from ident.tolerances import LEAST_SAMPLES
 
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""
@@ -193,9 +194,6 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
         values[-1][np.searchsorted(time, stream.time)] = stream.columns
     return Sampled(time, np.hstack(values))
 
-
-LEAST_SAMPLES = 10
-"""Fewest samples that a log needs."""
 
 UNIFORM = 1e-3
 """Relative deviation of time steps from their median up to which a clock is uniform."""
