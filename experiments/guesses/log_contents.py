@@ -32,9 +32,6 @@ TRIAL = ".trc"
 ROUND = 2 * np.pi + 0.5
 """Largest angle of a joint that is plausible in radians."""
 
-LONG = 20.0
-"""Largest travel of a slide that is plausible in metres."""
-
 
 class ClockColumn(NamedTuple):
     """A column of times.

@@ -15,14 +15,11 @@ from ident.judgement.residuals import BEYOND_CHANCE, DISAGREE, beyond_fast_noise
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
-from ident.tolerances import CLEARLY, CONDITION_LIMIT, FAR_BETTER, LEFT, POOR, UNEXPLAINED
+from ident.tolerances import CLEARLY, CONDITION_LIMIT, FAR_BETTER, LEFT, NOTABLY, POOR, UNEXPLAINED
 from ident.trajectory.fit.repeats import repeating
 
 RIVALS = LEAST_SQUARES, MODEL
 """The other candidates, as they are called in `Estimate.rivals`."""
-
-NOTABLY = 1.1
-"""Ratio of two residuals from which one prediction is better than another."""
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""

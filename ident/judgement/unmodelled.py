@@ -29,7 +29,6 @@ from ident.geometry.se3 import applied, coAd
 from ident.judgement.checks import NEAR, NotCheckedError, check_contact, predicted_wrench, upward
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding, Place
-from ident.judgement.fit_findings import NOTABLY
 from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
@@ -37,6 +36,7 @@ from ident.model.regressor import inverse_dynamics
 from ident.recordings.smoothing import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
+from ident.tolerances import NOTABLY
 from ident.trajectory.angles_alone import smoothed
 
 SHARPER = 0.5
