@@ -37,8 +37,8 @@ LOOSER = 1.0, 2.0, 4.0
 LEAST_SIZE = 1e-2
 """Least radius of gyration of a prior body over that of the whole tree: divergence measures bodies by their prior."""
 
-HELD = 1e-5
-"""Relative standard deviation of a mass that is held."""
+HELD = 1e-4
+"""Relative standard deviation of a mass that is held, or stated without one: what scales resolve."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

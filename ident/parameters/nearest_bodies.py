@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, special
 
 from ident.geometry.inertia import parameters_from_pseudo_inertia
-from ident.tolerances import INTERVAL, ROUNDING
+from ident.tolerances import AT_ONCE, INTERVAL, ROUNDING
 
 FINEST = 0.8
 """The continuation towards the prior's width stops when a step can only reduce the weight by a factor above this."""
@@ -38,9 +38,6 @@ with the largest trace, over its distance from the start, both relative, above w
 
 LENGTHS = np.array([0.99, 0.97, 0.93, 0.85, 0.7, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01, 0.003])
 """Step lengths that are tried, over the longest one; a whole step is tried as well."""
-
-AT_ONCE = 2e6
-"""Numbers in the scaled rows of the parameters that are maximised together; more would not stay in the cache."""
 
 PLACES = np.triu_indices(4)
 
@@ -211,7 +208,7 @@ def maxima(A: np.ndarray, y: np.ndarray, square: float, bodies: int, f: np.ndarr
     Returns:
         The maxima (N,), infinite where nothing bounds them, or where rounding ends the search.
     """
-    at_once = max(1, int(AT_ONCE / A.size))
+    at_once = max(1, AT_ONCE // A.size)
     parts = [slice(k, k + at_once) for k in range(0, len(f), at_once)]
     return np.concatenate([np.zeros(0), *(_Search(A, y, square, bodies, f[k], d[k]).maxima() for k in parts)])
 

@@ -15,6 +15,7 @@ from ident.geometry.inertia import com_from_parameters, entries, parameter_trans
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
+from ident.judgement.verdict import PRECISIONS
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
@@ -28,10 +29,6 @@ QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
 """Their units."""
-
-OPEN = 0.5
-"""A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SMALLEST`
-for the centre of mass, the mean moment of inertia for inertias."""
 
 GUESSED = 1.0
 """Width of the prior body, a guess with the mass and centre of the same data: it moves values within their intervals,
@@ -142,7 +139,7 @@ class Payload(Brief):
         low, high = values + J @ self._beside + INTERVAL * np.outer([-1, 1], wider)
         low[[0, 4, 5, 6]] = np.maximum(low[[0, 4, 5, 6]], 0)
         ends = np.c_[np.minimum(low, values), np.maximum(high, values)]
-        return RigidBody(values, std, wider, wider < OPEN * size, ends)
+        return RigidBody(values, std, wider, wider < PRECISIONS[-1] * size, ends)
 
     @property
     def _phi(self) -> np.ndarray:
