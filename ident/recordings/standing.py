@@ -16,10 +16,7 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
-from ident.tolerances import NAMED, NORMAL_MAD, SIGNIFICANT
-
-CLOSE = 1.5
-"""Ratio of the distances of two bodies from a force below which the assignment is doubtful."""
+from ident.tolerances import CLEARLY, NAMED, NORMAL_MAD, SIGNIFICANT
 
 FADES = 0.1
 """Ratio of the lowest tenth of an unloaded plate's forces to their median up to which they are no noise: of white noise
@@ -191,7 +188,7 @@ def _standing(
         distances = weighted[during].sum(axis=0) / size[during].sum()
         order = np.argsort(distances, kind="stable")
         who[during] = order[0]
-        if distances[order[1]] < CLOSE * distances[order[0]]:
+        if distances[order[1]] < CLEARLY * distances[order[0]]:
             close.append((int(first), plate.bodies[order[1]]))
     return who, close
 
