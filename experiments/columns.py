@@ -6,7 +6,6 @@ from os.path import realpath
 
 from experiments.cli import options, running
 from ident.errors import InputError
-from ident.files.table import LISTED
 from ident.tolerances import HUGE
 
 HEADS = ("quantity", "column", "unit", "certainty", "reasons")
@@ -25,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
     from ident.display.brief import listed
     from ident.estimation.equations import channels_out_of_plane
     from ident.files.readers import files_of
+    from ident.files.table import LISTED
     from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]
