@@ -111,8 +111,7 @@ def _distinct(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 SETTLING = 1.5
 """Settling time of filter and differences at either end, in periods of the cut-off frequency."""
 
-LOWEST = 0.005
-HIGHEST = 0.4
+LOWEST, HIGHEST = 0.005, 0.4
 """Range of cut-offs that `chosen_cutoff` considers, as shares of the rate."""
 
 TAIL = 0.1
