@@ -50,9 +50,8 @@ TURNS_LEAST = 0.05
 TURNED = np.radians(10)
 """Rotation of a sensor's axes from which it is an error."""
 
-ALONG, STEADY = 0.95, 2.0
-"""Cosine of the angle between the mean force and gravity, and the mean over the changes, from which forces that do not
-turn with the sensor are in the axes of the base."""
+STEADY = 2.0
+"""Mean over the changes from which forces along gravity, while the sensor turns, are in the axes of the base."""
 
 STEPS = 4
 """Iterations between the direction of gravity and the mass that accelerates, and to a load's stated mass where scales
@@ -195,7 +194,7 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
         )
     mean = force[:, :3].mean(axis=0)
     along, size = float(mean @ g / np.linalg.norm(g)), float(np.linalg.norm(mean))
-    if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > ALONG * size:
+    if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > AWAY * size:
         raise InputError(
             f"The forces of '{sensor}' keep their direction, {size:.3g} N along gravity, while the sensor turns: they "
             "are in the axes of the base, as a controller's TCP force. Turn them into the sensor's axes."
