@@ -12,12 +12,12 @@ from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
 from ident.estimation.setup_parameters import across
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
+from ident.mechanism.recovered_axes import RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
-from ident.tolerances import ROUNDING
+from ident.tolerances import ROUNDING, SIGNIFICANT
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
 
@@ -85,7 +85,7 @@ class SimulatedStudy:
 
     problem: StudyProblem
     recording: Recording
-    significance: float = PARALLEL_SIGNIFICANCE
+    significance: float = SIGNIFICANT
     _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
     _trajectories: dict[str, Trial] = field(default_factory=dict)
 

@@ -26,7 +26,7 @@ from ident.model import regressor
 from ident.model.axes import Axes, column_place, stated_values
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor, pulled_back
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
-from ident.parameters.prior import DRIVE_KNOWN, known_rows
+from ident.parameters.prior import known_rows
 from ident.parameters.structure import Sensors
 from ident.tolerances import STRIBECK
 from sim.models.couplings import check_torques
@@ -246,7 +246,7 @@ def drive_deviations(mechanism: Mechanism, drives: Sequence[str]) -> np.ndarray:
     torques = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity) @ mechanism.known
     size, per = 0.1 * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
     usual = np.array([size[k] / per.get(kind, 1.0) for kind, k in _places(mechanism, drives)])
-    stated = DRIVE_KNOWN * stated_values(mechanism, drives)
+    stated = stated_values(mechanism, drives)
     return np.where(stated > 0, stated, usual)
 
 

@@ -21,8 +21,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
-from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
+from ident.recordings.smoothing import chosen_cutoff, smoothed
+from ident.recordings.times import Sampled, side_by_side
+from ident.tolerances import LEAST_SAMPLES
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""
@@ -122,8 +123,8 @@ def motion_cutoff(
         except InputError:
             if filters:
                 raise
-            if (samples := len(recording.time)) <= PADDING:
-                message = f"An identification needs more than {PADDING} samples, got {samples}."
+            if (samples := len(recording.time)) < LEAST_SAMPLES:
+                message = f"An identification needs at least {LEAST_SAMPLES} samples, got {samples}."
                 raise InputError(message) from None
             return USUAL * recording.rate
     try:

@@ -35,9 +35,6 @@ SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
 one in which bodies are aligned."""
 
-NEAR = 0.06
-"""Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
-
 
 class BodyKinematics(NamedTuple):
     """Poses (…, 4, 4), twists and their rates (…, 6), of bodies and last of the base; the joints' screws and states."""
@@ -254,7 +251,8 @@ class Closure:
         if self.affine:
             return np.ones(len(x), bool)
         _, apart, least = self._watched(x)
-        return np.asarray((apart < OPEN) & (least > NEAR))
+        # Beside a singular posture loops might change to another branch within half a step.
+        return np.asarray((apart < OPEN) & (least > SINGULAR + STEP / 2))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""

@@ -26,7 +26,8 @@ SKEW = 0.1
 """Angle up to which axes of loops may be meant to be parallel, rad: axes that are not are usually degrees apart."""
 
 INDEPENDENT = 1e-3
-"""Part of a column of the constraints that counts as independent of others: models state places with few digits."""
+"""Part of a column of the constraints, or of an axis, that counts as independent of others: models state places and
+axes with few digits."""
 
 
 @dataclass(frozen=True)

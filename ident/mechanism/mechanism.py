@@ -14,12 +14,9 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import INDEPENDENT, Constraints
 from ident.mechanism.motion import Carrier, divided
 from ident.mechanism.tree import Tree
-
-PARALLEL = 1e-3
-"""Sine of the angle up to which axes count as parallel, as models are written with few digits."""
 
 
 @typed("gravity", "prior_known", "drives")
@@ -298,7 +295,7 @@ def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
         return None
     first = np.hstack([np.zeros((6, 0)), *(carrying.screws[i] for i in carrying.root)])
     normal = _common_axis(carrying, first, mechanism.gravity)
-    if normal is None or np.linalg.matrix_rank(first, tol=PARALLEL) < 3:
+    if normal is None or np.linalg.matrix_rank(first, tol=INDEPENDENT) < 3:
         return None
     if carrier is None:
         return normal
@@ -325,7 +322,7 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray, *, free: bool = True) 
         return ()
     along = np.abs(frame[:3, :3].T @ normal)
     axis = int(np.argmax(along))
-    if np.delete(along, axis).max() > PARALLEL:
+    if np.delete(along, axis).max() > INDEPENDENT:
         return ()
     return (axis, *(3 + k for k in range(3) if k != axis))
 
@@ -336,7 +333,7 @@ def _common_axis(tree: Tree, screws: np.ndarray, g: np.ndarray) -> np.ndarray | 
     if not axes.size:
         return None
     normal = axes[:, 0] / np.linalg.norm(axes[:, 0])
-    return normal if _in_plane(tree, normal) and abs(g @ normal) <= PARALLEL * np.linalg.norm(g) else None
+    return normal if _in_plane(tree, normal) and abs(g @ normal) <= INDEPENDENT * np.linalg.norm(g) else None
 
 
 def _in_plane(tree: Tree, normal: np.ndarray) -> bool:
@@ -345,4 +342,4 @@ def _in_plane(tree: Tree, normal: np.ndarray) -> bool:
     v, w = screws[:3], screws[3:]
     turns = w.any(axis=0)
     off = [np.abs(np.cross(w[:, turns].T, normal)), np.abs((v * w).sum(axis=0)), np.abs(normal @ v[:, ~turns])]
-    return all(x.max(initial=0) <= PARALLEL for x in off)
+    return all(x.max(initial=0) <= INDEPENDENT for x in off)

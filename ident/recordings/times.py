@@ -12,10 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
-from ident.files.table import BASE, EPOCH, TIME, Columns, Table
+from ident.files.table import BASE, EPOCH, FAR, TIME, Columns, Table
 from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
 from ident.recordings.stated import TRACKED
+from ident.tolerances import LEAST_SAMPLES
 
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""
@@ -194,11 +195,8 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
     return Sampled(time, np.hstack(values))
 
 
-LEAST_SAMPLES = 10
-"""Fewest samples that a log needs."""
-
-JITTER, UNIFORM = 0.2, 1e-3
-"""Relative deviation of time steps from their median above which a clock is doubtful, and up to which it is uniform."""
+UNIFORM = 1e-3
+"""Relative deviation of time steps from their median up to which a clock is uniform."""
 
 SPARSE = 1000
 """Number of common times per sample above which a gap is an error of the clock."""
@@ -208,9 +206,6 @@ POSES = " If each row is a pose at rest, say poses = true in the columns file."
 
 SLOW = 1.0
 """Time between samples from which they may be poses at rest, s."""
-
-LATEST = 1e12
-"""Largest time that is accepted, s."""
 
 
 class Repaired(NamedTuple):
@@ -255,7 +250,7 @@ class Clock:
             LogError: The times go back, or have a gap or repeat one with other values where samples may not be missing.
         """
         (name,) = self.column.names
-        raw = table.column(name, LATEST / self.column.factor)
+        raw = table.column(name, FAR)
         if np.isnan(raw).any():
             raise LogError(f"column '{name}' is empty, but a log needs times.")
         zero = float(raw[0])
@@ -308,11 +303,9 @@ class Clock:
         i = int(departure.argmax())
         if self.gaps and departure[i] <= UNIFORM:
             return []
-        much = int((departure > JITTER).sum())
         return [
             f"Times in column '{name}' jitter: steps depart from {self.step:g} s by up to {100 * departure[i]:.2g} % "
             f"({table.row(kept[i + 1])}); all channels were resampled linearly at {1 / self.step:.6g} Hz."
-            + (f" {much} steps depart by more than {100 * JITTER:g} %: doubt the clock." if much else "")
         ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:

@@ -9,15 +9,13 @@ from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
 from ident.geometry.se3 import pose, rotation
+from ident.mechanism.body import BASE
 from ident.mechanism.loops import Coincidence, Relation, Row
 from ident.mechanism.tree import Tree
 from sim.models.notes import body_name, joint_name, name_of, note
 
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
-
-WORLD_SIDE = -1
-"""Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
 Term = tuple[int, float]
 """A joint, by its id, and its coefficient in a sum."""
@@ -88,7 +86,7 @@ def check_couplings(
         ModelError: A coupling reaches outside and is not ignored, or a name is unknown.
     """
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
-    inside = {*members, WORLD_SIDE} if base is None else set(members)
+    inside = {*members, BASE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
     if soft := [c for c in acting if c.row and c.soft]:
         note(
@@ -158,9 +156,9 @@ def _refuse(acting: Sequence[Coupling], why: str) -> None:
 
 
 def _of_joints(model: mujoco.MjModel, name: str, kind: str, joints: Sequence[int], row: Row | None = None) -> Coupling:
-    """A coupling of joints, which acts on the bodies on both sides of each."""
+    """A coupling of joints, which acts on the bodies on both sides of each; `BASE` is the world's ground."""
     bodies = {int(model.jnt_bodyid[j]) for j in joints}
-    sides = bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}
+    sides = bodies | {int(model.body_parentid[b]) or BASE for b in bodies}
     return Coupling(name, kind, sides, {joint_name(model, j) for j in joints}, row)
 
 

@@ -17,6 +17,7 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
+from ident.tolerances import ROUNDING
 from sim.models.inertials import (
     Inertial,
     Update,
@@ -37,7 +38,7 @@ from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameter
 from sim.models.notes import body_name, refusals
 from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.xml_files import SAME, ModelFile, digits, parsed, restated, text_of
+from sim.models.xml_files import ModelFile, digits, parsed, restated, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -392,5 +393,5 @@ def _set_child(
             parent.insert(index, ET.Element(tag, {key: digits(values) for key, values in attributes.items()}))
         return
     for key, values in attributes.items():
-        if key in child.attrib or max(map(abs, values)) > SAME * size:
+        if key in child.attrib or max(map(abs, values)) > ROUNDING * size:
             child.set(key, restated(child.get(key), values, size))

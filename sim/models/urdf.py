@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from ident.display.brief import listed
 from ident.errors import ModelError
+from ident.files.table import FAR
 from ident.geometry.inertia import symmetric
 from ident.mechanism.drives import Actuator
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 from sim.models.notes import note, refusals
-from sim.models.xml_files import LARGEST, parsed
+from sim.models.xml_files import parsed
 
 SINGLE = ("revolute", "continuous", "prismatic")
 """Types of joints with one coordinate, which alone mimic and are mimicked."""
@@ -212,7 +213,7 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
             values = np.array(stated.split(), float)
         except ValueError:
             values = np.array([np.nan])
-        if not (abs(values) < LARGEST).all() or (element == "mass" and values[0] < 0):
+        if not (abs(values) < FAR).all() or (element == "mass" and values[0] < 0):
             raise ModelError(
                 f"{path}: link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is "
                 f"{stated}."

@@ -34,7 +34,7 @@ LOGS = [
     (text({**PLAIN, "q_hip": T * np.nan}), "column 'q_hip' is empty, but joints.hip.position needs it"),
     (retimed(T * np.nan), "column 'time' is empty, but a log needs times"),
     (replaced(4, "time", ""), "row 4, column 'time' is empty or NaN"),
-    (replaced(4, "time", "1e200"), "row 4, column 'time' needs numbers below 1e+12"),
+    (replaced(4, "time", "1e200"), "row 4, column 'time' needs numbers below 1e+30"),
     (retimed(np.where(COUNT == 20, 0.1, T)), "row 22, column 'time' goes back in time by 0.09 s; sort the log"),
     (retimed(np.where(COUNT == 20, T[19], T)), "row 22, column 'time' repeats the time"),
     (text({name: 0 * x for name, x in PLAIN.items()}), "10 samples at different times, it has 1"),
