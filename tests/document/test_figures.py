@@ -3,10 +3,7 @@
 import csv
 import io
 import re
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -14,40 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 from recorded_faults import PENDULUM, faulty, shortened
 
-import experiments
 import ident
 from experiments.document import figures, pictures
 from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
 from ident.display.plots import few_decades
-
-ROOT = Path(experiments.__file__).parents[1]
-
-
-def run(code, *options):
-    """Runs code in a process of its own."""
-    subprocess.run([sys.executable, "-c", code, *options], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-
-
-def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
-    """Figures that are not asked for cost nothing; the page has its pictures and no section of figures."""
-    log = ["scenes/arm.xml", "scenes/arm.csv", "--estimator", "ordinary", "--name", "arm"]
-    code = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
-    run(code, *log, "--formats", "none", "--out", str(tmp_path))
-    page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
-    assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
-    assert page.count('<svg class="picture"') == 3 and "<img" not in page
-
-
-HELP = """
-from contextlib import suppress
-from experiments import identify
-with suppress(SystemExit):
-    identify.main(["--help"])
-"""
-
-
-def test_help_imports_no_library():
-    run(f"{HELP}\nimport sys; assert not {{'matplotlib', 'jinja2', 'tqdm', 'scipy', 'mujoco'}} & set(sys.modules)")
 
 
 def drawing(extension, x, y):
