@@ -82,8 +82,8 @@ def test_headings_are_words_but_in_csv(name, words):
     assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
 
 
-def written(folder, names="a"):
-    with result_folder.results_folder(folder) as temporary:
+def written(folder, names="a", **options):
+    with result_folder.results_folder(folder, **options) as temporary:
         for name in names:
             (temporary / name).write_text("second")
 
@@ -95,6 +95,13 @@ def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     with pytest.raises(ValueError, match=f"room for a file '{obstacle}'"):
         written(tmp_path, ["a", obstacle])
     assert (tmp_path / "a").read_text() == "first" and {path.name for path in tmp_path.iterdir()} == {"a", obstacle}
+
+
+def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
+    for name in ("notes.txt", "figure_2.svg", "table_4.csv", "monte_carlo.json"):
+        (tmp_path / name).write_text("mine")
+    written(tmp_path, ["a", "figure_2.png"], stale=result_folder.OUTPUTS)
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.txt", "a", "figure_2.png"}
 
 
 def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch):

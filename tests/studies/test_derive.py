@@ -36,10 +36,10 @@ TABLE_PSI = {name: name for name in paper.TABLE_3} | {"m1": "m1 + m2 + m3", "m1r
 TABLE_PSI |= {"m2rz2": "m2rz2 + l_1*m3", "Ixx2": "Ixx2 + l_1**2*m3", "Ixz2": "Ixz2 - l_1*m3rx3"}
 
 
-GOLDEN = ("stanford_rrprrr",)
+GOLDEN = "stanford_rrprrr"
 """One of OpenSYMORO's mechanisms: a long chain with a slide."""
 KINDS = ("revolute", "prismatic", "helical", "ball")
-CASES = [*codegen.TABLES, *GOLDEN, "random"]
+CASES = [*codegen.TABLES, GOLDEN, "random"]
 
 
 @cache
@@ -48,11 +48,11 @@ def case(name):
     if name in codegen.TABLES:
         tree, lengths = getattr(symbolic, name)()
         return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
-    if name in GOLDEN:
+    if name == "random":
+        tree = random_tree(np.random.default_rng(1), 3, kinds=KINDS, massless=0.2)
+    else:
         golden = entries_of(next(path for path in DATA if path.stem == name))
         tree = tree_from_mdh([frame_of(row) for row in golden["frames"]])
-    else:
-        tree = random_tree(np.random.default_rng(1), 3, kinds=KINDS, massless=0.2)
     return tree, symbolic.derive(*symbolic.exact_tree(tree))
 
 
@@ -130,9 +130,8 @@ def test_generated_c_is_the_regressor(name, tmp_path):
     assert_is_the_regressor(tree, regressor)
 
 
-@pytest.mark.parametrize("name", GOLDEN)
-def test_exact_coefficients_are_the_numeric_ones(name):
-    tree, model = case(name)
+def test_exact_coefficients_are_the_numeric_ones():
+    tree, model = case(GOLDEN)
     assert model.exact
     pinned = find_base_parameters(tree, kept=model.regrouping.names)
     exact = np.array([[float(sympy.sympify(c).subs(model.lengths)) for c in row] for row in model.regrouping.beta])
@@ -198,9 +197,6 @@ def test_what_cannot_be_derived_is_refused(tmp_path, capsys):
         expected = "options --base and --ignore need an MJCF or URDF file, got 'table_2'."
         assert expected in refusal(derive.main, ["table_2", option, "foot"], capsys)
     assert "no body besides the world" in refusal(derive.main, [str(chain(tmp_path))], capsys)
-    light = tmp_path / "light.xml"
-    light.write_text('<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>', encoding="utf-8")
-    assert "A mechanism needs mass; ghost" in refusal(derive.main, [str(light)], capsys)
 
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):

@@ -116,11 +116,8 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys):
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
     assert printed.startswith("✕ Unusable. One finding speaks against it; it predicts all 3 channels that count.")
     assert "It predicts all 3 channels that count. Not counted: Fy, Mx, Mz" in estimate["verdict"]
-    phi = parameters_from_model(tmp_path / "bow" / "model.urdf")
-    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    prepared = prepare(model, DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    assert_predicts_as_well(identified(prepared, estimator="weighted"), phi)
-    assert {path.name for path in (tmp_path / "bow").iterdir()} >= {"report.html", "model.urdf", "figure_held_out.svg"}
+    result = identified(prepare(model, DATA / "bowing.csv", columns=bowing, cutoff=3.0), estimator="weighted")
+    assert_predicts_as_well(result, parameters_from_model(tmp_path / "bow" / "model.urdf"))
 
 
 @needs_data
@@ -141,7 +138,8 @@ def test_a_bow_from_angles_alone_without_any_choice(bowing):
 
 
 def assert_predicts_as_well(result, phi):
-    """Checks that held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
+    """Checks that bodies are physical, and held-out weighted residuals less than 1 % above those of the free fit."""
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
     explained = [c not in result.unexplained for c in result.channels]
     weights = (result.held_out.samples.measured.std(axis=0) / result.scale)[explained]
     before = np.linalg.norm(result.held_out.ratio[explained] * weights)
@@ -176,9 +174,7 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned)
 
 def test_the_updated_scene_reloads_and_needs_the_same_wrenches(aligned):
     folder, result, printed = aligned
-    phi = parameters_from_model(folder / "model.xml", "base")
-    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    assert_predicts_as_well(result, phi)
+    assert_predicts_as_well(result, parameters_from_model(folder / "model.xml", "base"))
     assert mujoco.MjModel.from_xml_path(str(folder / "model.xml")).nu == 2
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64") == 3 and "http" not in page.replace("http-equiv", "")
@@ -201,13 +197,12 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
     assert 10 < mass["mass"] < 20 and (mass["upper"] is None or mass["upper"] > 13.3)
 
 
-def unchecked(result):
-    """Reasons for which the weight could not be checked, and channels in which it would show."""
-    values = [finding.values for finding in coded(result, "unchecked")]
-    return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
-
-
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
+    def unchecked(result):
+        """Reasons for which the weight could not be checked, and channels in which it would show."""
+        values = [finding.values for finding in coded(result, "unchecked")]
+        return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
+
     Fx, Fy, Fz, *moments = (f"ground_{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz")
     for force, expected in (
         (["", "", Fz], []),
@@ -220,9 +215,6 @@ def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(
         weight = result.checks.weight
         assert (weight is None) == bool(expected)
         assert not weight or (abs(weight.measured - 20.99) < 0.1 and abs(weight.drift) < 0.1)
-
-
-def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     weightless = scenes.load("double_pendulum")
     weightless.option.gravity = [0, 0, 0]
     result = result_of(tmp_path, recording(), model=weightless, **WEIGHTED)
@@ -239,6 +231,7 @@ def test_stuck_and_empty_channels_are_left_out_and_named(tmp_path, capsys):
     spoilt = with_channels(log, ground_force=force, **commands)
     assert identify.main(given(tmp_path, spoilt, "--verbose", "--estimator", "weighted")) == 0
     printed = capsys.readouterr().out
+    assert printed.startswith("Verdict: ") and "table_base_parameters.md (" in printed
     assert "Stuck at one value, though the model" in printed and "Fz (0)" in printed
     assert "5 channels." in printed and "\nFz " not in printed
     assert "The weight could not be checked: it shows in Fz of the sensor" in printed
@@ -262,12 +255,6 @@ def test_a_log_with_nothing_to_fit_is_told_how_its_columns_are_mapped(tmp_path, 
     assert "`multicontact columns MODEL LOG`" in message
 
 
-def test_a_finding_on_the_screen_is_a_whole_sentence_if_it_fits():
-    cards = [Card("", "Torques rub. Weigh the arm.", False), Card("", "long " * 99, True)]
-    whole, cut = identify_page.first_lines(cards)
-    assert whole == "  - Torques rub." and cut.startswith("  ! long") and cut.endswith(" …")
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch):
     """However many findings, channels and parameters there are, files and page have them all."""
@@ -280,8 +267,8 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert lines[0].startswith("✓ Usable. It predicts ") and len(lines) <= 24
     assert max(map(len, lines[:-1])) <= 120 and "open report.html" in lines[-1]
     assert lines[3].split() == ["channel", "estimate", "model", "best"] and lines[-2].startswith("--verbose prints ")
-    assert sum(line.startswith("  - ") for line in lines) == 5
+    assert sum(line.startswith("  - ") for line in lines) == 5 and "more remark" in "".join(lines)
     assert (tmp_path / "me" / "report.html").read_text(encoding="utf-8").count("Constant offsets are taken out") >= 20
-    assert identify.main([*arguments, "--verbose"]) == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith("Verdict: ") and "more remark" in shown and "table_base_parameters.md (" in shown
+    cards = [Card("", "Torques rub. Weigh the arm.", False), Card("", "long " * 99, True)]
+    whole, cut = identify_page.first_lines(cards)
+    assert whole == "  - Torques rub." and cut.startswith("  ! long") and cut.endswith(" …")

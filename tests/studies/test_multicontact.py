@@ -60,9 +60,9 @@ def test_without_noise_the_estimate_is_exact(contact):
 @pytest.mark.parametrize("contact", ["pad", "pad handle"], indirect=True)
 def test_command_line_writes_everything(results, contact, result):
     more = ("contacts",) if result.several else ()
-    tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
-    charts = [f"figure_{n}.{ending}" for n in ("4", "5", *more) for ending in ("png", "csv")]
-    expected = {*tables, *charts, "recording.npz", "summary.json", "provenance.json", "report.html"}
+    expected = {f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")}
+    expected |= {f"figure_{n}.{ending}" for n in ("4", "5", *more) for ending in ("png", "csv")}
+    expected |= {"recording.npz", "summary.json", "provenance.json", "report.html"}
     assert {file.name for file in results.iterdir()} == expected
     rows = rows_of(results / "table_4.csv")
     of_paper = ("true",) if result.several else ("true_scene", "true_paper", "paper_error")
@@ -71,16 +71,20 @@ def test_command_line_writes_everything(results, contact, result):
     np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit("contact").error)
     markdown = (results / "table_4.md").read_text()
     assert all((text in markdown) == (contact == "pad") for text in ("Ixx3*", "parallel-axis terms", "paper"))
-    summary, sites = entries_of(results / "summary.json"), scenes.load_cells(contact)
-    assert (summary["rank"], summary["rows"]) == (13, 4715)
-    assert summary["condition_number"] == result.fit("contact").estimate.condition_number
-    assert summary["largest_error_ignoring"] == np.abs(result.fit("ignoring").error).max()
-    touching = result.recording.true["pad_normal_force"] > 0
-    assert summary["fraction_all_touch"] == summary[f"{sites['pad']}_fraction"] == touching.mean()
-    assert summary[f"{sites['pad']}_episodes"] == touching[0] + np.sum(touching[1:] & ~touching[:-1])
-    peaks = {site: np.linalg.norm(result.recording.true[f"{site}_force"], axis=1).max() for site in sites.values()}
-    for site, peak in {**peaks, "contact": max(peaks.values())}.items():
-        assert summary[f"{site}_peak_force_N"] == pytest.approx(peak)
+    summary, sites, true = entries_of(results / "summary.json"), scenes.load_cells(contact), result.recording.true
+    touching = true["pad_normal_force"] > 0
+    peaks = {site: np.linalg.norm(true[f"{site}_force"], axis=1).max() for site in sites.values()}
+    numbers = {f"{site}_peak_force_N": peak for site, peak in {**peaks, "contact": max(peaks.values())}.items()}
+    numbers |= {
+        "rank": 13,
+        "rows": 4715,
+        "condition_number": result.fit("contact").estimate.condition_number,
+        "largest_error_ignoring": np.abs(result.fit("ignoring").error).max(),
+        "fraction_all_touch": touching.mean(),
+        f"{sites['pad']}_fraction": touching.mean(),
+        f"{sites['pad']}_episodes": touching[0] + np.sum(touching[1:] & ~touching[:-1]),
+    }
+    assert {name: summary[name] for name in numbers} == pytest.approx(numbers)
     assert entries_of(results / "provenance.json")["options"]["contact"] == contact
 
 
@@ -89,9 +93,6 @@ def test_the_trajectory_estimate_takes_contacts_too(result):
     own, fit = result.trajectory("contact"), result.fit("contact")
     k = fit.base.names.index("Ixx2")
     assert abs(own.error[k]) < abs(fit.error[k]) and abs(own.error / own.std).max() < 4
-    shown = [row[-2:] for row in study_report.table(result, "table_4").rows]
-    np.testing.assert_array_equal(shown, np.transpose([own.error, own.std]))
-    assert abs(result.trajectory("ignoring").error).max() > 10
 
 
 @pytest.mark.parametrize("contact", ["pad"], indirect=True)
