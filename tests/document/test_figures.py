@@ -72,14 +72,11 @@ def test_data_are_the_numbers_that_artists_draw(mark):
     assert {(row["mark"], row["x_axis"]) for row in rows} == {(mark, "m2rz2 (kg m)")}
     words = {"1.0": "'=a", "2.0": "b", "3.0": "c"}
     assert [row.get("y_category", "") for row in rows] == [words.get(row["y"], "") for row in rows]
-
-
-@pytest.mark.parametrize("draw", [lambda ax: ax.imshow(np.eye(2)), lambda ax: ax.fill_between([0, 1, 2], [0, 1, 0])])
-def test_artists_that_cannot_be_read_are_named(draw):
-    figure = Figure()
-    artist = draw(figure.subplots())
-    with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
-        figures.csv_text(figure)
+    # Whatever else is drawn.
+    for artist in (ax.fill_between([0, 1, 2], [0, 1, 0]), ax.imshow(np.eye(2))):
+        with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
+            figures.csv_text(ax.figure)
+        artist.remove()
 
 
 def places(picture, shape, attribute):
@@ -101,13 +98,13 @@ def test_a_ring_is_around_the_best_candidate_of_each_channel(most, ticks):
 
 def test_labels_of_names_that_begin_or_end_alike_differ():
     """A shoulder's two joints were one label, as both were cut after ten letters."""
-    for names, labels in (
-        (["shoulder_pan_joint", "shoulder_lift_joint"], ["shoulder pan", "shoulder lift"]),
-        (["left_upper_forearm", "left_lower_forearm"], ["left upper", "left lower"]),
-        (["knee_joint"], ["knee joint"]),
-        (["Fx", "Fy"], ["Fx", "Fy"]),
-    ):
-        assert pictures.labels_of(names) == labels
+    for name, label in {
+        "shoulder_pan_joint, shoulder_lift_joint": "shoulder pan, shoulder lift",
+        "left_upper_forearm, left_lower_forearm": "left upper, left lower",
+        "knee_joint": "knee joint",
+        "Fx, Fy": "Fx, Fy",
+    }.items():
+        assert pictures.labels_of(name.split(", ")) == label.split(", ")
     labels = pictures.labels_of(["right_upper_arm_roll", "right_upper_arm_pitch"])
     assert len(set(labels)) == 2 and max(map(len, labels)) <= 16
 
@@ -127,10 +124,6 @@ def estimate():
     return ident.identify(PENDULUM, shortened(faulty(1), 300))
 
 
-def labels(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
 def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
     figure = parameters_figure(estimate)
     (axes,) = figure.axes
@@ -140,25 +133,24 @@ def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
     size = np.max([abs(estimate.psi), abs(prior), 1.96 * estimate.std_setup], axis=0)
     np.testing.assert_allclose(half, 1.96 * estimate.std_setup / size, rtol=1e-3)
     assert axes.get_xlabel() == "Value over the largest of estimate, model and half-width"
-    assert labels(figure) == ["Model", "Estimate, 95 % with set-up"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["Model", "Estimate, 95 % with set-up"]
 
 
-def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
-    assert labels(held_out_figure(estimate)) == ["Measured", "Predicted"]
-    resting = np.zeros(estimate.held_out.residual.shape, bool)
-    resting[:40, 3] = True
-    slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
-    figure = held_out_figure(slow)
-    assert labels(figure) == ["Measured", "Predicted", "Low velocity, not judged"]
-    assert "not judged" in held_out_caption(slow) and "not judged" not in held_out_caption(estimate)
+def test_grey_spans_can_be_seen_are_one_where_they_nearly_touch_and_stand_in_the_legend(estimate):
+    def drawn(samples, channel):
+        """The estimate with these samples of low velocity, their figure, and its legend."""
+        resting = np.zeros(estimate.held_out.residual.shape, bool)
+        resting[samples, channel] = True
+        slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
+        figure = held_out_figure(slow)
+        return slow, figure, [text.get_text() for text in figure.legends[0].get_texts()]
+
+    assert drawn([], 0)[2] == ["Measured", "Predicted"] and "not judged" not in held_out_caption(estimate)
+    slow, figure, legend = drawn(range(40), 3)
+    assert legend == ["Measured", "Predicted", "Low velocity, not judged"] and "not judged" in held_out_caption(slow)
     assert sum(len(axes.collections) for axes in figure.axes) == 1
-
-
-def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
-    time, mask = estimate.held_out.time, np.zeros(estimate.held_out.residual.shape, bool)
     # One sample alone, and three that are closer together than a line's width.
-    mask[[20, 60, 62, 64], 0] = True
-    first = held_out_figure(replace(estimate, held_out=replace(estimate.held_out, resting=mask))).axes[0]
+    first, time = drawn([20, 60, 62, 64], 0)[1].axes[0], estimate.held_out.time
     edges = np.array([path.get_extents().intervalx for path in first.collections[0].get_paths()])
     assert len(edges) == 2 and (np.diff(edges) >= 0.999 * 0.012 * np.ptp(time)).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
