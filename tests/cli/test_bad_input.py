@@ -46,12 +46,10 @@ TEXTS = {
     "unit.toml": 'unit = "m"',
     "groups.toml": '[scale]\ngroups = ["pelvis"]',
 }
-"""Models, files that are no logs, and places of markers."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder with all files that the commands are given."""
     out = tmp_path_factory.mktemp("bad")
     for name, text in TEXTS.items():
         (out / name).write_text(text, encoding="utf-8")
@@ -174,7 +172,6 @@ REFUSED = [
     ("angles person.xml walk.trc --fix left_knee 1 2", "--fix left_knee needs 1 coordinates, got 2"),
     ("angles person.xml walk.trc --wrenches two.csv", "no wrench is in this file"),
 ]
-"""Commands and a part of the sentence."""
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")

@@ -110,6 +110,15 @@ sys.exit(running.run(study, mechanism.parser, []))
 """
 """A command that swallows the exception of a request to end, as libraries do in callbacks."""
 
+
+def ended(number, *arguments, **options):
+    """Exit code and further errors of a process that is sent a signal once it has written a line."""
+    with subprocess.Popen([sys.executable, *arguments], stderr=subprocess.PIPE, text=True, **options) as process:
+        assert process.stderr.readline()
+        process.send_signal(number)
+        return process.wait(timeout=50), process.stderr.read()
+
+
 COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _ in range(99))")
 """A command in which Python's own handlers have to wait for a library."""
 
@@ -117,11 +126,7 @@ COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _
 @posix
 @pytest.mark.parametrize("script", [IGNORES, COMPUTES], ids=["swallowed", "computing"])
 def test_a_request_to_terminate_is_obeyed_where_it_is_swallowed(script):
-    with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr.readline() == "running\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=50) == 130
-        assert process.stderr.read() == f"{COMMAND}: interrupted; every file is whole.\n"
+    assert ended(signal.SIGTERM, "-c", script) == (130, f"{COMMAND}: interrupted; every file is whole.\n")
 
 
 @posix
@@ -129,13 +134,11 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
     slow = "import sys, time\nprint('importing', file=sys.stderr, flush=True)\ntime.sleep(60)\n"
     (tmp_path / "scenes.py").write_text(slow)
     path = os.pathsep.join([str(tmp_path), str(Path(options.__file__).parents[2])])
-    command = [sys.executable, "-m", "experiments.mechanism", "--help"]
-    here = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": path}}
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **here) as process:
-        assert process.stderr.readline() == "importing\n"
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=30) == -signal.SIGINT
-        assert process.stderr.read() == ""
+    command, here = (
+        ["-m", "experiments.mechanism", "--help"],
+        {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": path}},
+    )
+    assert ended(signal.SIGINT, *command, **here) == (-signal.SIGINT, "")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

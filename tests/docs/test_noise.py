@@ -18,7 +18,6 @@ IXX2 = PERSON.parameters.names.index("Ixx2")
 
 
 def scaled_error(condition, estimator):
-    """Mean error of Ixx2 over four recordings, in the estimator's own standard deviations."""
     answers = [ESTIMATORS[condition.subject][estimator](Case.drawn(condition, 0, number)) for number in range(4)]
     return np.mean([((answer.values - answer.true) / answer.std)[IXX2] for answer in answers])
 

@@ -72,7 +72,6 @@ def test_data_are_the_numbers_that_artists_draw(mark):
     assert {(row["mark"], row["x_axis"]) for row in rows} == {(mark, "m2rz2 (kg m)")}
     words = {"1.0": "'=a", "2.0": "b", "3.0": "c"}
     assert [row.get("y_category", "") for row in rows] == [words.get(row["y"], "") for row in rows]
-    # Whatever else is drawn.
     for artist in (ax.fill_between([0, 1, 2], [0, 1, 0]), ax.imshow(np.eye(2))):
         with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
             figures.csv_text(ax.figure)
@@ -80,7 +79,6 @@ def test_data_are_the_numbers_that_artists_draw(mark):
 
 
 def places(picture, shape, attribute):
-    """Values of an attribute of the shapes of a class."""
     return [float(x) for x in re.findall(rf'<\w+ class="{shape}"[^>]*? {attribute}="([^"]*)"', picture)]
 
 
@@ -138,7 +136,6 @@ def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
 
 def test_grey_spans_can_be_seen_are_one_where_they_nearly_touch_and_stand_in_the_legend(estimate):
     def drawn(samples, channel):
-        """The estimate with these samples of low velocity, their figure, and its legend."""
         resting = np.zeros(estimate.held_out.residual.shape, bool)
         resting[samples, channel] = True
         slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))

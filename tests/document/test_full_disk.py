@@ -21,7 +21,6 @@ WRITTEN = r"could not be written .* and is as it was; make room or write elsewhe
 
 @contextmanager
 def limited(size):
-    """Limits the size of files in bytes."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     # A module that is imported meanwhile must not be cached incompletely.
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True

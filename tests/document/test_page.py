@@ -29,8 +29,6 @@ EVIL = [
 
 
 class Cells(HTMLParser):
-    """Texts of the cells and the caption of a table, and all tags."""
-
     def __init__(self):
         super().__init__()
         self.rows, self.tags, self.caption, self._into = [], [], "", None
@@ -54,7 +52,6 @@ class Cells(HTMLParser):
 
 
 def read(table, folder):
-    """Cells that a page shows of a table."""
     bars = {key: [pictures.Interval(EVIL[2], 0, 1.0, 0.1, 0.1, None)] for key in EVIL}
     drawn = [
         pictures.candidates(EVIL, {"estimate": np.full(len(EVIL), 0.1)}),

@@ -43,14 +43,12 @@ return new Promise((done) => setTimeout(done, 100));
 
 
 def unfolded(window, page, **how):
-    """Opens a page and its folds."""
     window.open(page, **how)
     window.run(UNFOLD)
 
 
 @pytest.fixture(scope="module")
 def page_of(tmp_path_factory):
-    """Page of a command by its name, written once."""
     return cache(lambda name: every_page.written(name, tmp_path_factory.mktemp(name)))
 
 

@@ -34,7 +34,6 @@ OUT = Path("out")
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """The arm's model, two logs, and a file that is none."""
     out = tmp_path_factory.mktemp("recorded")
     (out / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
     for seed in range(2):
@@ -45,7 +44,6 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def folder(recorded, tmp_path, monkeypatch):
-    """A working folder with these files, where tasks run in this process, one after the other."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(workers, "worker_pool", lambda number: nullcontext(Here()))

@@ -114,7 +114,6 @@ def columns_of(recording, unit=1.0):
 
 
 def write(path, recording):
-    """Writes the recording's angles and wrench in the format of the suffix."""
     kind, wrench = path.name.split(".", 1)[1], recording.wrench("ground").values
     if kind in PACKAGES and find_spec(PACKAGES[kind]) is None:
         pytest.skip(f"{PACKAGES[kind]} is in an extra")

@@ -44,7 +44,6 @@ CASES = [*codegen.TABLES, GOLDEN, "random"]
 
 @cache
 def case(name):
-    """A numeric tree and its symbolic model."""
     if name in codegen.TABLES:
         tree, lengths = getattr(symbolic, name)()
         return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
@@ -167,7 +166,6 @@ def test_command_writes_latex_python_and_c(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_general_arm_is_derived(tmp_path, capsys):
-    """Two revolute joints in general directions."""
     rng = np.random.default_rng(1)
     numbers = [[" ".join(f"{x:.4f}" for x in rng.normal(size=3) * size) for size in (0.3, 0.1, 1)] for _ in range(2)]
     path = chain(tmp_path, *((f'pos="{p}"', f'pos="{c}" axis="{axis}"', 'size=".1"') for p, c, axis in numbers))

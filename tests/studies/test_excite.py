@@ -155,7 +155,6 @@ def test_designs_follow_their_options_and_seed(arm, tmp_path, capsys):
     out = tmp_path / "out"
 
     def designed(*options):
-        """The motion's file, and limits of the joint states."""
         assert excite.main([str(arm), "--seconds", "5", *QUICK, *options, "--out", str(out)]) == 0
         limits = {(row["joint"], row["quantity"]): float(row["limit"]) for row in rows_of(out / "table_limits.csv")}
         return (out / "trajectory.csv").read_bytes(), limits
@@ -253,7 +252,6 @@ def test_the_cost_of_a_five_bar_has_exact_derivatives():
 
 
 def test_collisions_of_dependent_bodies_count():
-    # Fingers that are spheres.
     text = GRIPPER.replace('<inertial mass="0.08" pos="0.02 0.0008 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>', SPHERE)
     model = mujoco.MjModel.from_xml_string(text)
     arm = sim.mechanism(model)

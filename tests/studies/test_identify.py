@@ -67,13 +67,11 @@ def with_channels(original, **channels):
 
 
 def given(folder, log, *more):
-    """Arguments of the command for a log of the aligned pendulum."""
     log.save(folder / "log.csv")
     return [str(PENDULUM), str(folder / "log.csv"), "--base", "base", "--name", "me", "--out", str(folder), *more]
 
 
 def result_of(folder, log, *, model=None, mapping=None, **options):
-    """Estimate of the aligned pendulum, or of another specification of it, by a mapping of columns."""
     path, columns, file = folder / "log.csv", folder / "columns.toml", folder / "model.xml"
     log.save(path)
     columns.write_text(mapping or "", encoding="utf-8")

@@ -14,7 +14,6 @@ ROW = re.compile(r"\| (`\w+`(?:, `\w+`)*) \| (.+) \|")
 
 
 def documented():
-    """Documented entries with their description."""
     rows = filter(None, map(ROW.fullmatch, PAGE.read_text(encoding="utf-8").splitlines()))
     return {name: row[2] for row in rows for name in re.findall(r"`(\w+)`", row[1])}
 

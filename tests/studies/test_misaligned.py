@@ -29,7 +29,6 @@ def study():
 
 @pytest.fixture(scope="module")
 def run(study):
-    """The command, which takes its trajectory estimates from `study`."""
     trajectory = study.trajectory
 
     def written(out, *formats):

@@ -140,7 +140,6 @@ def test_what_nobody_would_read_is_refused_in_one_sentence(tmp_path, capsys, old
 
 
 def places(entries, path=()):
-    """Paths of all entries, tables and leaves."""
     for key, value in entries.items() if isinstance(entries, dict) else enumerate(entries):
         yield (*path, key)
         if isinstance(value, dict | list):

@@ -60,7 +60,6 @@ def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
         assert download(f"{url}/a.csv", tmp_path / "new" / "a.csv", SHA256) == SHA256
     assert (tmp_path / "new" / "a.csv").read_bytes() == CONTENT and asked == ["a.csv"]
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.csv"]
-    # Nobody serves there any more.
     with pytest.raises(InputError, match=r"is there a network\?.*--data"):
         download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
     assert not (tmp_path / "a.csv").exists()

@@ -43,7 +43,6 @@ PUBLISHED = "".join(
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """Folder with the recordings, and an entry of them."""
     data = tmp_path_factory.mktemp("data")
     recorded(data / "arm")
     entries = tmp_path_factory.mktemp("entries")
@@ -144,7 +143,6 @@ def test_where_it_loses_it_says_so(result):
     usual = each.ratios[LEAST_SQUARES]
 
     def study(*factors):
-        """The study with the estimate's residuals those of least squares times factors, by channel."""
         ratios = {LEAST_SQUARES: usual, ESTIMATE: usual * np.array(factors), MODEL: 5 * usual}
         return replace(result, validations={"arm": replace(each, ratios=ratios)})
 
