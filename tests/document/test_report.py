@@ -2,21 +2,31 @@
 
 import csv
 import io
+import os
 import re
-import subprocess
+import signal
 import sys
-from itertools import product
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import signal
+from commands import refusal
+from jinja2 import DictLoader, Environment
+from pages import PENDULUM
+from scipy.signal import welch
 
+import sim
+from experiments import excite
 from experiments.document import print_table, result_folder
 from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.typography import WIDTH, pieces, wrapped
-from experiments.document.writer import Card, Document
+from experiments.document.writer import Card, Document, _Compiled
+from experiments.runs.workers import Checkpoint
+from ident import Recording
 from ident.display import plots
-from ident.files.atomic import PARTIAL
+from ident.files.atomic import PARTIAL, replacing
 
 
 def test_csv_keeps_all_digits_and_other_forms_those_that_are_shown():
@@ -116,56 +126,46 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
     assert kept.read_text() == "first" and f"earlier files are in '{kept.parent}'" in str(raised.value)
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from experiments.document import result_folder
-from ident.files.atomic import PARTIAL, replacing
-
-def stop(*_, **__):
+def kill(*_, **__):
     os.kill(os.getpid(), signal.SIGKILL)
 
-def run(out, where):
+
+def write_and_die(out, where):
+    """Writes results, and is killed within a file, before it moves the files, or after so many moves."""
     if where == "file":
         with replacing(out / "a") as temporary:
             temporary.write_text("half")
-            stop()
+            kill()
     with result_folder.results_folder(out) as folder:
         for name in "ab":
             (folder / name).write_text("second")
         if where == "writing":
-            stop()
-        replace, calls = Path.replace, []
-        def until(path, target):
-            calls.append(path)
-            return stop() if len(calls) > int(where) else replace(path, target)
-        Path.replace, result_folder.shutil.rmtree = until, stop
-
-for out in map(Path, sys.argv[1:]):
-    if os.fork() == 0:
-        run(out, out.name)
-    _, status = os.wait()
-    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL
-"""
+            kill()
+        replace, moves = Path.replace, count()
+        Path.replace = lambda path, target: kill() if next(moves) == int(where) else replace(path, target)
+        result_folder.shutil.rmtree = kill
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no locks on folders")
-def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
-    folders = [tmp_path / where for where in ("file", "writing", *"012345")]
-    for folder, name in product(folders, "ab"):
-        folder.mkdir(exist_ok=True)
-        (folder / name).write_text("first")
-    (folders[0] / ".partial-mine").write_text("somebody else's")
-    subprocess.run([sys.executable, "-c", KILLED, *map(str, folders)], check=True)
-    for out in folders:
-        assert len(list(out.glob(f"{PARTIAL}*"))) == 1
-        with result_folder.results_folder(out) as folder:
-            # The fifth move ends all others.
-            expected = dict.fromkeys("ab", "second" if out.name == "5" else "first")
-            assert {name: (out / name).read_text() for name in "ab"} == expected
-            (folder / "c").write_text("third")
-        (out / ".partial-mine").unlink(missing_ok=out != folders[0])
-        assert {path.name for path in out.iterdir()} == set("abc")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+@pytest.mark.parametrize("where", ["file", "writing", *"012345"])
+def test_what_killed_runs_left_goes_with_the_next_one(tmp_path, where):
+    for name in ("a", "b", ".partial-mine"):
+        (tmp_path / name).write_text("first")
+    child = os.fork()
+    if child == 0:
+        try:
+            write_and_die(tmp_path, where)
+        finally:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert len(list(tmp_path.glob(f"{PARTIAL}*"))) == 1
+    with result_folder.results_folder(tmp_path) as folder:
+        # The fifth move ends all others.
+        expected = dict.fromkeys("ab", "second" if where == "5" else "first")
+        assert {name: (tmp_path / name).read_text() for name in "ab"} == expected
+        (folder / "c").write_text("third")
+    assert {path.name for path in tmp_path.iterdir()} == {*"abc", ".partial-mine"}
 
 
 @pytest.mark.parametrize("name", ["=1+2", "+x()", "-x|y!A0", "@SUM(A1)", "\t=x"])
@@ -180,7 +180,7 @@ def test_names_are_no_formulas_of_spreadsheets(name):
 @pytest.mark.parametrize("samples", [100, 511, 1777])
 def test_spectra_are_welchs(samples):
     x = np.random.default_rng(0).normal(size=samples).cumsum()
-    expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
+    expected = welch(x, 50.0, nperseg=min(samples, 512))
     frequency, amplitude = plots.amplitude_spectrum(x, 50.0)
     np.testing.assert_allclose(frequency, expected[0])
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
@@ -255,3 +255,75 @@ def test_doubts_stand_below_the_verdict_that_counts_them():
     findings = [Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)]
     shown = Document(verdict=verdict, findings=findings, lines=["36 of 159."]).text()
     assert shown.splitlines()[-3:] == [verdict, "  ! Logs disagree.", "36 of 159."]
+
+
+WRITTEN = r"could not be written .* and is as it was; make room or write elsewhere, and run again\."
+
+
+@contextmanager
+def limited(size):
+    resource = pytest.importorskip("resource", reason="this system has no limits on files")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # A module that is imported meanwhile must not be cached incompletely.
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        sys.dont_write_bytecode = before
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.is_file() and path.read_bytes() for path in folder.rglob("*")}
+
+
+def save_recording(path):
+    Recording(np.arange(500.0), {"a": np.random.default_rng(0).normal(size=(500, 3))}).save(path)
+
+
+def save_trials(path):
+    Checkpoint("trials", path, {"seed": 0}).collect([dict.fromkeys(range(20), str([0.5] * 52))], [""] * 20)
+
+
+def save_model(path):
+    sim.write_model(path, sim.mechanism(PENDULUM, "base"), sim.mechanism(PENDULUM, "base").known)
+
+
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [(save_recording, "r.csv"), (save_recording, "r.npz"), (save_trials, "trials.npz"), (save_model, "m.xml")],
+)
+def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path, write, name):
+    path = tmp_path / name
+    path.write_text("earlier")
+    with limited(1000), pytest.raises(OSError, match=rf"^'{path}' {WRITTEN}"):
+        write(path)
+    assert contents(tmp_path) == {name: b"earlier"}
+    write(path)
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_command_ends_in_a_sentence_and_goes_through_once_there_is_room(tmp_path, capsys):
+    out = tmp_path / "new" / "results"
+    options = ["double_pendulum", "--starts", "1", "--iterations", "1", "--formats", "png", "--out", str(out)]
+    with limited(4000):
+        error = refusal(excite.main, options, capsys)
+    assert f"error: '{out}' could not be written (" in error and contents(tmp_path) == {}
+    assert excite.main(options) == 0
+    before = contents(tmp_path)
+    with limited(4000):
+        refusal(excite.main, options, capsys)
+    assert contents(tmp_path) == before
+
+
+def test_a_compiled_template_that_was_cut_off_is_compiled_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    loader = DictLoader({"a": "{{ 1 + 1 }}"})
+    for cut in (60, 0, None):
+        kept = _Compiled(str(tmp_path), "%s.jinja")
+        assert Environment(bytecode_cache=kept, loader=loader, autoescape=True).get_template("a").render() == "2"
+        (path,) = tmp_path.glob("*.jinja")
+        whole = path.read_bytes()
+        path.write_bytes(whole[:cut])

@@ -117,13 +117,3 @@ def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
     difference = Difference(*read_results(both))
     assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
     assert "Not compared, because they are regrouped differently: m1." in compare_report.agreement(difference)
-
-
-def test_names_on_a_page_and_in_tex_are_shown_as_they_are(tmp_path):
-    run(tmp_path, *(result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("first_run", "<i>")))
-    page, tex = (tmp_path / "out" / name for name in ("report.html", "table_differences.tex"))
-    page = page.read_text()
-    assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
-    assert '<p class="verdict usable">' in page and "agree within noise." in page
-    assert page.count('class="known1"') == 3 and 'class="findings"' not in page
-    assert r"\emph{shank}" in tex.read_text() and r"\emph{base}" in tex.read_text()

@@ -16,7 +16,7 @@ from coded import coded, doubts_of
 from commands import entries_of, refusal
 from pages import PENDULUM
 from scipy.signal import butter, sosfiltfilt
-from stand_ins import leave_undrawn
+from stand_ins import leave_undrawn, once
 
 import scenes
 from experiments import identify
@@ -85,12 +85,12 @@ def result_of(folder, log, *, model=None, mapping=None, **options):
 @pytest.fixture(scope="module")
 def aligned(tmp_path_factory):
     """Folder of the command's results for the aligned scene, its estimate, and what it prints."""
-    folder, made, whole = tmp_path_factory.mktemp("aligned"), [], identify.identified_from
+    folder, made = tmp_path_factory.mktemp("aligned"), once(identify.identified_from)
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as printed:
         leave_undrawn(patched)
-        patched.setattr(identify, "identified_from", lambda *given: made.append(whole(*given)) or made[0])
+        patched.setattr(identify, "identified_from", made)
         assert identify.main(given(folder, recording())) == 0
-    return folder / "me", made[0][0], printed.getvalue()
+    return folder / "me", made()[0], printed.getvalue()
 
 
 @pytest.fixture
@@ -259,6 +259,7 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
     plain = vars(Estimate)["findings"].func
     monkeypatch.setattr(Estimate, "findings", property(lambda estimate: [*plain(estimate), *[long] * 20]))
+    monkeypatch.setattr(identify, "identified_from", once(identify.identified_from))
     arguments = given(tmp_path, recording(), "--estimator", "weighted", "--formats", "none")
     assert identify.main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -37,7 +37,7 @@ def test_figure_1_is_drawn_from_the_scene():
     assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= frames
 
 
-def test_table_2_is_that_of_the_paper():
+def test_tables_1_and_2_are_those_of_the_paper():
     still, turning = ("(0, 0, 0)", "(0, 0, 0)"), ("(0, 0, 0)", "(1, 0, 0)")
     rows = paper_report.table_2(DRAWING.tree, DRAWING.base).rows
     assert [(row[0], *row[2:]) for row in rows] == [
@@ -45,9 +45,6 @@ def test_table_2_is_that_of_the_paper():
         ("link1, i = 2", "(0, 0, 1)", *turning),
         ("link2, i = 3", "(0, 0, 1.425)", *turning),
     ]
-
-
-def test_table_1_as_printed_is_the_double_pendulum():
     tree = paper.tree_of_table_1(DRAWING.base, 0.425)
     assert tree.names == ("2", "6", "10") and tree.joints == ("4", "8")
     assert paper.difference(tree, double_pendulum(base=DRAWING.base)) < 1e-14

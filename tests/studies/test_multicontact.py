@@ -88,16 +88,12 @@ def test_command_line_writes_everything(results, contact, result):
     assert entries_of(results / "provenance.json")["options"]["contact"] == contact
 
 
-@pytest.mark.parametrize("contact", ["handle"], indirect=True)
-def test_the_trajectory_estimate_takes_contacts_too(result):
+@pytest.mark.parametrize("contact", ["pad", "handle"], indirect=True)
+def test_the_trajectory_estimate_takes_contacts_too(result, contact):
+    """Also accelerations that jump at the pad, with denser knots."""
     own, fit = result.trajectory("contact"), result.fit("contact")
     k = fit.base.names.index("Ixx2")
-    assert abs(own.error[k]) < abs(fit.error[k]) and abs(own.error / own.std).max() < 4
-
-
-@pytest.mark.parametrize("contact", ["pad"], indirect=True)
-def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_knots(result):
-    assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
+    assert abs(own.error / own.std).max() < 4 and (contact == "pad" or abs(own.error[k]) < abs(fit.error[k]))
 
 
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
