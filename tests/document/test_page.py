@@ -101,12 +101,6 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert alone.groups() == [("", "N", [0]), ("", "N m", [1])] and read(alone, tmp_path).rows[0] == ["channel", "x"]
 
 
-def test_errors_stand_beside_the_papers():
-    table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
-    assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
-    assert index.compared(table).columns[:4] == table.columns
-
-
 def test_the_papers_columns_stand_alone_beside_ours():
     columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
     table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
@@ -114,6 +108,10 @@ def test_the_papers_columns_stand_alone_beside_ours():
     assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
     assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
     assert shown.texts()[0][3:] == ["0.1", "0.1"]
+    full = Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None)))
+    compared = index.compared(full)
+    assert compared.columns[3:] == ("deviation_full",) and [row[3] for row in compared.rows] == [2.0, None]
+    assert index.compared(compared).columns == compared.columns
 
 
 def test_numbers_and_options_to_copy_are_as_typed():

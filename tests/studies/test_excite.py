@@ -25,7 +25,7 @@ from ident.geometry.se3 import pose
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.prior import body_covariance
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from ident.recordings.wrench import transform_covariance
 from ident.regression.ordinary import least_squares
 from sim.models.model_mechanism import mechanism
@@ -109,13 +109,10 @@ def check_gradient(function, x, part=..., rel=1e-5):
     assert np.sum(function(x)[1] * direction) == pytest.approx((up - down) / (2 * h), rel=rel, abs=1e-6)
 
 
-@pytest.mark.parametrize("criterion", paper.CRITERIA)
-def test_the_searchs_gradient_is_that_of_its_value(criterion):
-    search = _Search(excitation_problem.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
-    check_gradient(search.value_and_gradient, 0.2 * np.random.default_rng(0).normal(size=(2, 5)))
-
-
-def test_the_gradient_of_walls_is_that_of_their_barrier():
+def test_gradients_of_the_search_and_of_walls_are_those_of_their_values():
+    for criterion in paper.CRITERIA:
+        search = _Search(excitation_problem.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
+        check_gradient(search.value_and_gradient, 0.2 * np.random.default_rng(0).normal(size=(2, 5)))
     rng = np.random.default_rng(0)
     maps = rng.normal(size=(2, 50, 3))
     maps[:, :, 0] = [[0.5], [1.0]]
@@ -220,27 +217,20 @@ def test_bad_limits_are_refused():
             Limits(*([x] for x in limits))
 
 
-LOOPED = ["--starts", "1", "--iterations", "2", "--seconds", "3", "--harmonics", "3", "--position", "-1", "1"]
-SPHERE = '<geom size=".01" pos="0 0 .05" mass=".08"/>'
-MOTOR = '<actuator><motor joint="crank"/></actuator>'
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_four_bar_is_excited_by_its_crank(tmp_path):
     # Turned that far, the crank would come to the end of what the rod reaches.
     text = FOUR_BAR.replace('name="rod" axis', 'name="rod" range="-0.5 0.6" axis')
-    (tmp_path / "arm.xml").write_text(text.replace("<sensor>", f"{MOTOR}<sensor>"))
-    drives = ["--sensors", "torque", "--drive", "auto"]
-    assert excite.main([str(tmp_path / "arm.xml"), *LOOPED, *drives, "--out", str(tmp_path / "out")]) == 0
-    motion = Recording.load(tmp_path / "out" / "trajectory.npz")
-    names, arm = ("crank", "rod", "rocker"), read(FOUR_BAR).closed(("rod", "rocker"))
-    states = [np.stack([motion[f"{name}_{kind}"] for name in names], axis=1) for kind in ("position", "velocity")]
-    assert states[0][:, 1].min() > -0.5 and states[0][:, 1].max() < 0.6
-    assert np.ptp(states[0][:, 0]) > 0.3
-    own = [motion[f"crank_{kind}"][:5, None] for kind in ("position", "velocity", "acceleration")]
+    (tmp_path / "arm.xml").write_text(text.replace("<sensor>", '<actuator><motor joint="crank"/></actuator><sensor>'))
+    options = "--starts 1 --iterations 2 --seconds 3 --harmonics 3 --position -1 1 --sensors torque --drive auto"
+    assert excite.main([str(tmp_path / "arm.xml"), *options.split(), "--out", str(tmp_path / "out")]) == 0
+    motion, arm = Recording.load(tmp_path / "out" / "trajectory.npz"), read(FOUR_BAR).closed(("rod", "rocker"))
+    q, dq, _ = motion.joint_states(("crank", "rod", "rocker"))
+    assert q[:, 1].min() > -0.5 and q[:, 1].max() < 0.6 and np.ptp(q[:, 0]) > 0.3
+    own = [motion[f"crank_{kind}"][:5, None] for kind in STATES]
     gaps, *_ = by_mujoco("four-bar", arm, own)
     assert abs(gaps).max() < 1e-9
-    np.testing.assert_allclose(arm.tree.dependent_states(*own)[1], states[1][:5, 1:], atol=1e-7)
+    np.testing.assert_allclose(arm.tree.dependent_states(*own)[1], dq[:5, 1:], atol=1e-7)
 
 
 def test_the_cost_of_a_five_bar_has_exact_derivatives():
@@ -252,7 +242,8 @@ def test_the_cost_of_a_five_bar_has_exact_derivatives():
 
 
 def test_collisions_of_dependent_bodies_count():
-    text = GRIPPER.replace('<inertial mass="0.08" pos="0.02 0.0008 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>', SPHERE)
+    sphere = '<geom size=".01" pos="0 0 .05" mass=".08"/>'  # In place of a finger.
+    text = GRIPPER.replace('<inertial mass="0.08" pos="0.02 0.0008 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>', sphere)
     model = mujoco.MjModel.from_xml_string(text)
     arm = sim.mechanism(model)
     walls = Collisions(model, arm.closed([joint for joint in arm.tree.joints if joint != "left_driver"]).tree, 0.01)
