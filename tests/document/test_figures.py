@@ -108,13 +108,14 @@ def test_labels_of_names_that_begin_or_end_alike_differ():
 
 
 def test_one_candidate_has_no_ring_and_columns_and_ends_of_curves_have_their_numbers():
+    small = r'<text class="small"[^>]*>([^<]*)<'
     drawn = pictures.candidates(["Fx"], {"estimate": np.array([0.1])})
     assert ">best<" not in drawn and not places(drawn, "best", "cx") and drawn.count("v-4") == 16
     each = [pictures.Interval(name, k, 1.0, 0.1, 0.05, None) for k, name in ((0, "m1"), (4, "Ixx1"), (10, "Fc(a)"))]
     drawn = pictures.parameters({"arm": each}, (1, 2, 3), 3)
-    assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn)[4:] == ["xx", "yy", "zz", "xy", "xz", "yz", "Fc"]
+    assert re.findall(small, drawn)[4:] == ["xx", "yy", "zz", "xy", "xz", "yz", "Fc"]
     drawn = pictures.curves(np.arange(3.0), {"worst": (np.array([0.0, 111.2, 1.0]), np.array([0.0, -49.4, 1.0]))})
-    assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn) == ["111", "\N{MINUS SIGN}49.4"]
+    assert re.findall(small, drawn) == ["111", "\N{MINUS SIGN}49.4"]
 
 
 @pytest.fixture(scope="module")

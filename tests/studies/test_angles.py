@@ -11,7 +11,6 @@ import ident
 import scenes
 import sim
 from experiments.angles import main
-from experiments.identify import main as identify
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.markers.lengths import grouped, scaled_model
@@ -75,27 +74,24 @@ def pendulum(tmp_path_factory):
     return out, recorded, arm.tree.joints
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path, capsys):
+def test_angles_are_read_as_they_are_and_identify(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
     model, markers, wrenches, plate = (str(folder / x) for x in ("arm.xml", "run.trc", "wrenches.csv", "plate.csv"))
     (folder / "plate.csv").write_text((folder / "wrenches.csv").read_text().replace("ground_", "plate_"))
-    out, estimated = tmp_path / "angles", tmp_path / "e" / "estimate.json"
-    given = [model, markers, "--base", "base", "--out", str(out), "--formats", "none", "--wrenches"]
+    given = [model, markers, "--base", "base", "--out", str(tmp_path), "--formats", "none", "--wrenches"]
     assert main([*given, plate]) == 0
     output = capsys.readouterr().out
     assert "on which bodies the wrenches act, then:\n" in output and output.endswith("--columns COLUMNS.toml\n")
     assert main([*given, wrenches]) == 0
-    assert f"\nThen:\nmulticontact identify {model} {out / 'angles.csv'} --base base\n" in capsys.readouterr().out
-    arm, recording = sim.mechanism(folder / "arm.xml", base="base"), Recording.load(out / "angles.csv")
-    log = read_log(out / "angles.csv", arm)
+    command = f"multicontact identify {model} {tmp_path / 'angles.csv'} --base base"
+    assert f"\nThen:\n{command}\n" in capsys.readouterr().out
+    arm, recording = sim.mechanism(folder / "arm.xml", base="base"), Recording.load(tmp_path / "angles.csv")
+    log = read_log(tmp_path / "angles.csv", arm)
     for name in (f"{joint}_position" for joint in joints):
         assert error_over_noise(recording, name, log[name] - recorded.true[name]) == pytest.approx(1, rel=0.15)
-    assert identify([model, str(out / "angles.npz"), "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
-    regrouped = sim.mechanism(scenes.load("double_pendulum"), base="base").known
-    truth = ident.find_base_parameters(arm.tree, gravity=arm.gravity).regroup(regrouped)
-    values, std = (np.array(entries_of(estimated)[key])[: len(truth)] for key in ("values", "std"))
-    assert np.sqrt(np.mean(((values - truth) / std) ** 2)) < 2
+    estimate = ident.identify(arm, read_log(tmp_path / "angles.npz", arm))
+    truth = estimate.base.regroup(sim.mechanism(PENDULUM, base="base").known)
+    assert np.sqrt(np.mean(((estimate.psi - truth) / estimate.std) ** 2)) < 2
 
 
 def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path):

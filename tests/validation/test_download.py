@@ -128,7 +128,8 @@ MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody
 <keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
 
 
-def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
+def test_published_files_are_made_noisy_wrong_or_clamped(tmp_path):
+    """By columns, and the same again; bodies stay physical."""
     exact, out = tmp_path / "in.sto", [tmp_path / "out.sto", tmp_path / "again.sto"]
     names = ["time", "pelvis_tx", "knee_angle_r", "ground_force_r_px", "ground_force_r_vy"]
     exact.write_text("\n".join(["inDegrees=no", "endheader", "\t".join(names), *["1\t1\t1\t1\t1"] * 400]))
@@ -139,8 +140,6 @@ def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
     table = np.loadtxt(out[0], skiprows=3)
     np.testing.assert_allclose(table.std(axis=0), [0, 1e-3, np.radians(0.5), 0, 1.0], rtol=0.1)
 
-
-def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     text = "<mass>2</mass><mass_center>0 1 3</mass_center><inertia>1 1 1 0 0 0</inertia><mesh>2</mesh>"
     (tmp_path / "in.osim").write_text(text, encoding="utf-8")
     wrong_bodies(tmp_path / "in.osim", tmp_path / "out.osim")
@@ -149,8 +148,6 @@ def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
     assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
 
-
-def test_a_floating_model_is_clamped(tmp_path):
     (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
     clamped(tmp_path / "in.xml", tmp_path / "out.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
