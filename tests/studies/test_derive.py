@@ -91,7 +91,8 @@ def test_base_parameters_of_the_double_pendulum(table):
         assert sympy.expand(expressions[name] - sympy.sympify(expression, {"l_1": symbolic.Symbol("l_1")})) == 0
 
 
-def test_both_tables_give_one_model_whose_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
+def test_both_tables_give_one_model():
+    """Its parallel axes leave exactly nothing of the force along them."""
     (tree_1, model_1), (tree_2, model_2) = case("table_1"), case("table_2")
     assert all(sympy.expand(x) == 0 for x in (model_1.Y - model_2.Y).flat)
     for a, b in zip(tree_1.bodies, tree_2.bodies, strict=True):

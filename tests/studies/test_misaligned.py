@@ -64,7 +64,8 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
         assert [float(row[column]) for column in COLUMNS[2:]] == expected
 
 
-def test_the_trajectory_estimate_has_not_the_bias_of_least_squares_and_takes_angles_and_wrenches_alone(study):
+def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
+    """It takes angles and wrenches alone, and does not know that axes are tilted."""
     joint, fitted = study.trajectory("full_on_table"), study.fit("full_on_table")
     k = fitted.base.names.index("Ixx2")
     assert abs(joint.error[k]) < min(4 * joint.std[k], abs(fitted.error[k]) / 2)
