@@ -72,7 +72,7 @@ def test_an_estimate_is_a_mapping_of_parameters_with_unit_body_and_model():
 
 
 @pytest.mark.parametrize("estimate", [quick, jointly])
-def test_repr_is_short_and_the_summary_has_everything(estimate):
+def test_repr_is_short_and_summary_and_html_have_everything(estimate):
     estimate = estimate()
     assert str(estimate) == repr(estimate)
     *_, counts, _ = lines = repr(estimate).splitlines()
@@ -86,15 +86,14 @@ def test_repr_is_short_and_the_summary_has_everything(estimate):
     sentences = [str(estimate.verdict()), *estimate.prepared.notes, *(finding.text for finding in estimate.findings)]
     assert all(" ".join(sentence.split()) in words for sentence in sentences)
     assert max(map(len, summary.splitlines())) <= 120
-
-
-def test_html_is_well_formed_and_escaped(tmp_path, monkeypatch):
-    estimate = jointly()
     words = words_of(estimate._repr_html_())
     assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
     assert "Replay" not in words and "kg\N{NO-BREAK SPACE}m²" in words
-    monkeypatch.setitem(PAGES, estimate, tmp_path / 'a "page"' / "report.html")
-    linked = estimate._repr_html_()
+
+
+def test_html_links_to_the_page_and_is_escaped(tmp_path, monkeypatch):
+    monkeypatch.setitem(PAGES, quick(), tmp_path / 'a "page"' / "report.html")
+    linked = quick()._repr_html_()
     assert "Replay and figures" in linked and "&quot;page&quot;" in linked
     assert re.findall(r">([^<]+)<", html_table(["<b>"], [["a & b"]])) == ["&lt;b&gt;", "a &amp; b"]
 

@@ -186,33 +186,29 @@ def test_spectra_are_welchs(samples):
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
 
 
-def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
-    rng = np.random.default_rng(0)
-    for std in 10.0 ** rng.uniform(-8, 5, 500):
+ENDS = {
+    (2.5187, 0.0312): ("2.519", "0.031"),
+    (2.5187, 0.0996): ("2.52", "0.10"),
+    (1234.0, 123.0): ("1230", "120"),
+    (-0.0001, 0.031): ("-0.0001", "0.031"),
+    (3.2e-7, 740.0): ("0.0000003", "740"),
+    (0.0, 0.031): ("0.000", "0.031"),
+    (-143123456.0, 224000.0): ("-1.4312e+08", "220000"),
+    (2.5, 3.2e-15): ("2.500000000000", "3.2e-15"),
+    (2.5, 0.0): ("2.500", "0"),
+    (2.5, None): ("2.500", ""),
+}
+
+
+def test_an_estimate_ends_with_its_standard_deviation_which_has_two_digits():
+    for (value, std), shown in ENDS.items():
+        table = Table("t", ("name", "x", "std"), (("a", value, std),), deviations={"x": "std"})
+        assert tuple(table.texts()[0][1:]) == shown
+        assert table.csv().splitlines()[1] == f"a,{value},{'' if std is None else std}"
+    for std in 10.0 ** np.random.default_rng(0).uniform(-8, 5, 500):
         text = number(std, decimals_of(std))
         assert float(text) == pytest.approx(std, rel=0.051) and float(text) == float(f"{std:.1e}")
         assert len(text.replace(".", "").strip("0")) <= 2
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "shown"),
-    [
-        (2.5187, 0.0312, ("2.519", "0.031")),
-        (2.5187, 0.0996, ("2.52", "0.10")),
-        (1234.0, 123.0, ("1230", "120")),
-        (-0.0001, 0.031, ("-0.0001", "0.031")),
-        (3.2e-7, 740.0, ("0.0000003", "740")),
-        (0.0, 0.031, ("0.000", "0.031")),
-        (-143123456.0, 224000.0, ("-1.4312e+08", "220000")),
-        (2.5, 3.2e-15, ("2.500000000000", "3.2e-15")),
-        (2.5, 0.0, ("2.500", "0")),
-        (2.5, None, ("2.500", "")),
-    ],
-)
-def test_an_estimate_ends_with_its_standard_deviation(value, std, shown):
-    table = Table("t", ("name", "x", "std"), (("a", value, std),), deviations={"x": "std"})
-    assert tuple(table.texts()[0][1:]) == shown
-    assert table.csv().splitlines()[1] == f"a,{value},{'' if std is None else std}"
 
 
 def test_only_sums_of_several_parameters_are_marked_and_noted():
