@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from commands import entries_of, rows_of
 from shared_studies import packaged_study
-from stand_ins import use_truth
+from stand_ins import leave_undrawn, use_truth
 
 import scenes
 from experiments import multicontact
@@ -29,6 +29,7 @@ def results(contact, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patched:
         use_truth(patched)
+        leave_undrawn(patched)
         # In any order: the scene determines the recording.
         command = ["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]
         assert multicontact.main(command) == 0

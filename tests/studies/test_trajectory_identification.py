@@ -170,6 +170,6 @@ def test_bodies_are_physical_where_that_is_asked_for():
 def test_pieces_may_be_worked_on_elsewhere():
     ready = prepared(PENDULUM, shortened(faulty(), 250))
     here = identified(ready)
-    with ProcessPoolExecutor(2) as executor:
+    with ProcessPoolExecutor(1) as executor:
         there = identified(ready, executor=executor)
     np.testing.assert_array_equal(here.psi, there.psi)
