@@ -52,6 +52,17 @@ def undetermined(*_, **__):
     raise ExcitationError("The recording does not determine all parameters.", ())
 
 
+def once(function):
+    """The function, which returns what its first call did, whatever it is given."""
+    first = []
+
+    def called(*given, **options):
+        first.append(first[0] if first else function(*given, **options))
+        return first[0]
+
+    return called
+
+
 def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth, and leaves axes as drawn, while a monkeypatch lasts."""
     patched.setattr(simulated_study, "trajectory_estimate", truth)

@@ -130,7 +130,7 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
     own = [f"{joint}_position" for joint in closure.independent]
     if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
         return x, []
-    y, std = closure.solved(x), EXACT + np.array([white_noise(column, robust=True) for column in x.T])
+    y, std = closure.solved(x), TINY + np.array([white_noise(column, robust=True) for column in x.T])
     G, notes = closure.slopes(x, y), list[str]()
     precision, right = np.zeros((len(x), len(own), len(own))) + np.diag(std**-2), np.zeros_like(x)
     for k, name in columns.items():

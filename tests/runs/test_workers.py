@@ -120,14 +120,12 @@ def test_commands_take_one_thread_and_look_for_no_screen_unless_the_user_says_ot
     assert {name: during[name] for name in NAMES if name in during} == {**threads, "MUJOCO_GL": "disable"} | own
 
 
-@pytest.mark.parametrize(
-    ("stated", "one"),
-    [({}, False), ({"OMP_NUM_THREADS": "1"}, True), ({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "4"}, False)],
-)
-def test_linear_algebra_may_have_threads_of_its_own(monkeypatch, stated, one):
+def test_linear_algebra_may_have_threads_of_its_own(monkeypatch):
     for name in THREADS:
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(KeyError), environment(stated):
-        assert one_thread_each() == one
-        raise KeyError
-    assert not {*THREADS} & os.environ.keys(), "variables are as before whatever happens"
+    one = {"OMP_NUM_THREADS": "1"}
+    for stated, alone in (({}, False), (one, True), (one | {"MKL_NUM_THREADS": "4"}, False)):
+        with pytest.raises(KeyError), environment(stated):
+            assert one_thread_each() == alone
+            raise KeyError
+        assert not {*THREADS} & os.environ.keys(), "variables are as before whatever happens"
