@@ -1,5 +1,6 @@
 """Forty logs with the column names of ten drivers and tools, four of each, each with its true mapping."""
 
+from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -11,10 +12,11 @@ import numpy as np
 import walker
 import wrist
 from guesses.odd_logs import DEG, text, vector
+from random_models import inverse_dynamics
 from scipy.io import savemat
 
 import sim
-from ident import Mechanism
+from ident import base_wrench_regressor
 
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 """Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""
@@ -32,26 +34,17 @@ UR_LINKS = (
 """Position, axis, mass and centre of mass of each link."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
-
-    mechanism: Mechanism
-    joints: tuple[str, ...]
-    time: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    tau: np.ndarray
-    base: np.ndarray
+Robot = namedtuple("Robot", "mechanism joints time q dq tau base")
+"""An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
 
 
 @cache
 def ur():
     """A robot like Universal Robots' 5."""
     links = [
-        f'<body name="link{k}" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" pos="{com}" '
-        'diaginertia="0.02 0.02 0.01"/>'
-        for k, ((place, axis, mass, com), joint) in enumerate(zip(UR_LINKS, UR, strict=True), start=1)
+        f'<body name="{joint}_link" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" '
+        f'pos="{com}" diaginertia="0.02 0.02 0.01"/>'
+        for (place, axis, mass, com), joint in zip(UR_LINKS, UR, strict=True)
     ]
     return _recorded("".join(links) + "</body>" * len(links), UR)
 
@@ -74,25 +67,17 @@ def seven(pattern="panda_joint{}", fingers=False):
 def _recorded(bodies, joints):
     """A motion of six seconds, with its torques and base wrench."""
     spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
-    model = spec.compile()
-    data, n = mujoco.MjData(model), len(joints)
-    time, q, dq, ddq = wrist.motion(6.0)
-    order = np.random.default_rng(3)
-    tau, ground = np.empty((len(time), n)), np.empty((len(time), 6))
-    for k in range(len(time)):
-        data.qpos[:n], data.qvel[:n], data.qacc[:n] = q[k, :n], dq[k, :n], ddq[k, :n]
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_rnePostConstraint(model, data)
-        tau[k] = data.qfrc_inverse[:n]
-        # Of the base's body: torque and force about the centre of mass of all, moved to the world's origin.
-        moment, force = data.cfrc_int[1, :3], data.cfrc_int[1, 3:]
-        ground[k] = np.append(force, moment + np.cross(data.subtree_com[model.body_rootid[1]], force))
-    friction = np.array([3.0, 3, 2, 1, 0.5, 0.3, 0.1])[:n] * np.tanh(dq[:, :n] / 0.05) * 0.2
-    tau = tau + friction + 0.02 * np.ptp(tau, axis=0) * order.normal(size=tau.shape)
-    ground = ground + 0.01 * np.ptp(ground, axis=0) * order.normal(size=ground.shape)
-    q = q[:, :n] + 1e-5 * order.normal(size=(len(time), n))
-    mechanism = sim.mechanism(spec, base="base")
-    return Robot(mechanism, joints, time, q, dq[:, :n] + 1e-3 * order.normal(size=q.shape), tau, ground)
+    rng, mechanism, n = np.random.default_rng(3), sim.mechanism(spec, base="base"), len(joints)
+    time, *states = wrist.motion(6.0)
+    q, dq, ddq = (x[:, :n] for x in states)
+    tau = inverse_dynamics(spec.compile(), q, dq, ddq)[0][:, :n]
+    resting = [np.pad(x, ((0, 0), (0, len(mechanism.joints) - n))) for x in (q, dq, ddq)]
+    ground = base_wrench_regressor(mechanism.tree, *resting, gravity=mechanism.gravity) @ mechanism.known
+    tau = tau + np.array([0.6, 0.6, 0.4, 0.2, 0.1, 0.06, 0.02])[:n] * np.tanh(dq / 0.05)
+    tau = tau + 0.02 * np.ptp(tau, axis=0) * rng.normal(size=tau.shape)
+    ground = ground + 0.01 * np.ptp(ground, axis=0) * rng.normal(size=ground.shape)
+    q, dq = q + 1e-5 * rng.normal(size=q.shape), dq + 1e-3 * rng.normal(size=q.shape)
+    return Robot(mechanism, joints, time, q, dq, tau, ground)
 
 
 ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
@@ -115,7 +100,6 @@ class Log:
     header: bool = True
 
     def write(self, folder: Path) -> Path:
-        """Writes it and returns its path."""
         if self.between == "mat":
             savemat(folder / "log.mat", self.columns)
             return folder / "log.mat"
@@ -162,12 +146,6 @@ def noise(robot, columns, size=1.0, seed=5):
 def three(pattern, position="position", velocity="velocity", torque="effort"):
     """Patterns of the three quantities."""
     return [pattern.replace("*", kind) for kind in (position, velocity, torque)]
-
-
-@cache
-def logs() -> tuple[Log, ...]:
-    """All of them."""
-    return (*_ros(), *_rtde(), *_franka(), *_iiwa(), *_lerobot(), *_walkers(), *_gazebo(), *_matlab())
 
 
 def _ros():
@@ -296,3 +274,6 @@ def _matlab():
     block = dict(zip(map(str, range(8, 14)), robot.base.T, strict=True))
     bare = arm(tool, "writematrix of [t q F]", robot, "{}", first=2, clock=clock, beside=block)
     yield replace(bare, wrenches={tuple(block): None}, header=False)
+
+
+LOGS = (*_ros(), *_rtde(), *_franka(), *_iiwa(), *_lerobot(), *_walkers(), *_gazebo(), *_matlab())

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
-from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, recording, text, vector, write
+from guesses.odd_logs import DEG, GAINS, LOGS, arm, belief_of, motors, read_as_guessed, recording, vector, write
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -16,23 +16,16 @@ from experiments.guesses.guess import believed
 from experiments.guesses.words import words, wrench_groups
 from ident import Body, Mechanism, Tree
 from ident.mechanism.body import ball_twist
-from ident.recordings.mapping import read_mapping
 
 JOINTS = ("joint1", "joint2")
-
-
-def guessed(path):
-    belief = believed(arm(), [path])
-    columns = path.with_name("guessed.toml")
-    write_mapping(columns, belief)
-    return belief, columns
 
 
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.__name__)
 def test_the_guessed_mapping_reads_as_the_true_one(tmp_path, log):
     path, true = write(tmp_path, log)
-    belief, columns = guessed(path)
-    assert belief.open == [] and read_mapping(columns, arm().tree)
+    belief, columns = believed(arm(), [path]), tmp_path / "guessed.toml"
+    write_mapping(columns, belief)
+    assert belief.open == []
     recording, expected = (ident.read_log(path, arm(), mapping) for mapping in (columns, true))
     assert recording.measured.keys() == expected.measured.keys() and recording.sensors.keys() == expected.sensors.keys()
     for name, sensor in expected.sensors.items():
@@ -53,27 +46,26 @@ WRENCH = recording().wrench("ground").values
 
 
 def guessed_of(tmp_path, columns, wrench=WRENCH):
-    """The belief of some columns beside the ground's wrench (N, 6), and its file."""
-    columns = {"time": recording().time, **columns, **vector("F{}", wrench[:, :3]), **vector("M{}", wrench[:, 3:])}
-    (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
-    return guessed(tmp_path / "log.csv")
+    """The belief of some columns beside the ground's wrench (N, 6), and the log as it is read by it."""
+    belief = belief_of(tmp_path, columns | vector("F{}", wrench[:, :3]) | vector("M{}", wrench[:, 3:]), arm())
+    return belief, read_as_guessed(tmp_path, belief, arm())
 
 
 def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
     noise = np.random.default_rng(0).normal(size=len(Q1))
-    belief, columns = guessed_of(tmp_path, {"q_joint1": Q1, "q_joint2": Q2, "dq_joint1": noise})
+    belief, read = guessed_of(tmp_path, {"q_joint1": Q1, "q_joint2": Q2, "dq_joint1": noise})
     assert belief.quantities["joints.joint1.velocity"].column == "" and "dq_joint1" in belief.unused
     assert any("named like the velocity of 'joint1'" in sentence for sentence in belief.notes)
-    assert "joint1_velocity" not in ident.read_log(tmp_path / "log.csv", arm(), columns).measured
+    assert "joint1_velocity" not in read.measured
 
 
 def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
     turn = np.kron(np.eye(2), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    belief, columns = guessed_of(tmp_path, {"joint1": Q1, "joint2": -Q2}, WRENCH @ turn.T)
+    belief, read = guessed_of(tmp_path, {"joint1": Q1, "joint2": -Q2}, WRENCH @ turn.T)
     assert belief.open[0].startswith("One of joint1, joint2 has the opposite sign")
-    mapping = read_mapping(columns, arm().tree)
-    assert not mapping.sums and mapping.sensors["ground"].applied_to_link
-    np.testing.assert_array_equal(mapping.sensors["ground"].pose, np.eye(4))
+    np.testing.assert_allclose(read["joint2_position"], -Q2, atol=1e-9)
+    assert read.sensors["ground"].applied_to_link
+    np.testing.assert_array_equal(read.sensors["ground"].pose, np.eye(4))
 
 
 def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
@@ -86,7 +78,8 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     robot, log = sim.mechanism(mujoco.MjSpec.from_string(wrist.model())), wrist.log(seconds=6.0)
     columns = {f"A{k} [deg]": DEG * log[f"{joint}_position"] for k, joint in enumerate(wrist.JOINTS, 1)}
     columns |= vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])
-    read, belief = read_as_guessed(tmp_path, columns, robot)
+    belief = belief_of(tmp_path, columns, robot)
+    read = read_as_guessed(tmp_path, belief, robot)
     np.testing.assert_allclose(read["joint6_position"], log["joint6_position"], atol=1e-4)
     sensor = read.sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
@@ -103,20 +96,6 @@ def posed(pattern, x, components):
     return {pattern.format(c): column for c, column in zip(components, x.T, strict=True)}
 
 
-def believed_of(tmp_path, columns, mechanism, base=None):
-    count = len(next(iter(columns.values())))
-    (tmp_path / "log.csv").write_text(text({"time": np.arange(count) / 100, **columns}), encoding="utf-8")
-    return believed(mechanism, [tmp_path / "log.csv"], base=base)
-
-
-def read_as_guessed(tmp_path, columns, mechanism, **given):
-    """The log read by its guessed mapping, and the belief."""
-    belief = believed_of(tmp_path, columns, mechanism, **given)
-    (tmp_path / "c.toml").unlink(missing_ok=True)
-    write_mapping(tmp_path / "c.toml", belief)
-    return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
-
-
 def same_turns(turns):
     own = Rotation.from_matrix(turns) if turns.ndim == 3 else Rotation.from_quat(turns, scalar_first=True)
     return (own * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
@@ -125,22 +104,24 @@ def same_turns(turns):
 def test_ball_joints_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((HIP, KNEE)), np.zeros(3))
     for pattern in ("hip_position.{}", "Hip quat {}", "hip_q{}"):
-        log, belief = read_as_guessed(tmp_path, posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
+        columns = posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
+        belief = belief_of(tmp_path, columns, mechanism)
+        log = read_as_guessed(tmp_path, belief, mechanism)
         np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
         assert same_turns(log["hip_position"]) and belief.open == [] and belief.complete
-    absent = "No column looks like the position of 'hip'; --fix hip leaves out what rests."
-    belief = believed_of(tmp_path, posed("q{}", TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
-    assert belief.open == [absent]
+    belief = belief_of(tmp_path, posed("q{}", TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
+    assert belief.open == ["No column looks like the position of 'hip'; --fix hip leaves out what rests."]
 
 
 def test_poses_of_a_base_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
     for turn, place, factor in (("pelvis_q{}", "pelvis_p{}", 1), ("trunk rot {}", "trunk pos {} [mm]", 1000)):
         columns = posed(turn, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
-        log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
+        belief = belief_of(tmp_path, columns, mechanism, base="pelvis")
+        log = read_as_guessed(tmp_path, belief, mechanism)
         np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
         assert same_turns(log.base[:, :3, :3]) and belief.unused == []
-        assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
+        assert belief_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
 @pytest.mark.parametrize(
