@@ -32,15 +32,15 @@ def same_as_csv(path):
     return log
 
 
-@pytest.mark.parametrize("degrees", ["yes", "no"])
-def test_a_motion_file_knows_its_degrees(tmp_path, degrees):
-    scale = {name: DEG if degrees == "yes" and name.startswith(("q_", "dq_")) else 1 for name in COLUMNS}
-    for name in ("run.mot", "run.sto"):
-        write_mot(tmp_path / name, {name: scale[name] * x for name, x in COLUMNS.items()}, degrees)
-        log = same_as_csv(tmp_path / name)
-        assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
-        pieces = [piece.column("time") for piece in read_tables(tmp_path / name, 13)]
-        np.testing.assert_allclose(np.concatenate(pieces), T, atol=1e-12)
+@pytest.mark.parametrize(("name", "degrees"), [("run.mot", "yes"), ("run.sto", "no")])
+def test_a_motion_file_knows_its_degrees(tmp_path, name, degrees):
+    path = tmp_path / name
+    turns = DEG if degrees == "yes" else 1
+    write_mot(path, {name: x * (turns if name[0] in "qd" else 1) for name, x in COLUMNS.items()}, degrees)
+    log = same_as_csv(path)
+    assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
+    pieces = [piece.column("time") for piece in read_tables(path, 13)]
+    np.testing.assert_allclose(np.concatenate(pieces), T, atol=1e-12)
 
 
 def test_matlab_arrays_and_structures(tmp_path):
@@ -63,10 +63,8 @@ def test_parquet(tmp_path):
     columns = {name: x for name, x in COLUMNS.items() if name[:8] != "ground_f"}
     write_parquet(path, {**columns, "time": stamps, "ground_force": force})
     same_as_csv(path)
-    milliseconds = {"time": {"column": "time", "unit": "ms"}}
-    assert "time is mapped in another unit than the file's, which says s" in sentence_of(
-        read_log, path, LEG, milliseconds
-    )
+    message = sentence_of(read_log, path, LEG, {"time": {"column": "time", "unit": "ms"}})
+    assert "time is mapped in another unit than the file's, which says s" in message
     repeated = pyarrow.Table.from_arrays([pyarrow.array(T)] * 3, names=["time", "force", "force"])
     pyarrow.parquet.write_table(repeated, path)
     assert "columns of a log need different names, 'force' is more than one" in sentence_of(read_log, path, LEG)
@@ -114,7 +112,6 @@ def test_markers_of_c3d_files_are_read(tmp_path):
     [
         ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
         ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
-        ("time,A\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
         ("time,A.w\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
         ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "frame 1: marker 'A' has some of x, y and z only"),
         ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
@@ -131,7 +128,7 @@ STATES = {joint: list(zip(Q[:, k], DQ[:, k], T, strict=True)) for k, joint in re
 """Positions, velocities and torques in another order than the mechanism's."""
 
 
-@pytest.mark.parametrize("name", ["log.bag", "folder", "mcap", "mcap/mcap.mcap", "folder/folder.db3"])
+@pytest.mark.parametrize("name", ["log.bag", "folder", "mcap/mcap.mcap"])
 def test_bags_have_each_topic_at_its_own_times(tmp_path, name):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     late = FAST_TIME + 0.0013
@@ -169,17 +166,8 @@ def test_mappings_that_contradict_a_bag(tmp_path):
         assert message in sentence_of(read_log, tmp_path / "log.bag", LEG, mapping)
 
 
-LINES = [
-    {
-        "time": t,
-        "q": q,
-        "e": [2 * x for x in q],
-        "ft": {"F": {"x": 1, "y": 2.5}, "M": [0, 0, t]},
-        "mode": "run",
-        "on": True,
-    }
-    for t, q in zip(T.tolist(), Q.tolist(), strict=True)
-]
+OTHERS = {"ft": {"F": {"x": 1, "y": 2.5}, "M": [0, 0, 1]}, "mode": "run", "on": True}
+LINES = [{"time": t, "q": q, "e": [2 * x for x in q], **OTHERS} for t, q in zip(T.tolist(), Q.tolist(), strict=True)]
 OF_JOINTS = {joint: {"position": f"q.{k}", "torque": f"e.{k}"} for k, joint in enumerate(JOINTS)}
 
 
@@ -211,7 +199,6 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
         ([*LINES[:9], {**LINES[9], "q": [0.1, "x"]}, *LINES[10:]], "row 10, column 'q.1' needs a number"),
         ([*LINES[:9], {**LINES[9], "q": [0.1, 1e400]}, *LINES[10:]], "row 10, column 'q.1' needs a finite"),
         ([json.dumps(LINES)], "row 1 needs an object of JSON"),
-        (LINES[:3], "at least 10 samples, it has 3"),
         ([], "at least 10 samples, it has 0"),
     ],
 )
