@@ -18,7 +18,7 @@ def model(body, before="", after=""):
 
 
 ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
-SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"/></body>'
+SITES = ARM.replace("</body>", '<site name="tip"/></body>')
 HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
 
 
@@ -48,8 +48,7 @@ SPRING = """<tendon><fixed name="spring" stiffness="2"><joint joint="u" coef="1"
 </tendon>"""
 CABLE = '<tendon><fixed name="cable" limited="true" range="0 1"><joint joint="elbow" coef="1"/></fixed></tendon>'
 ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
-NAIL = '<site name="nail"/>'
-ON_BASE = '<site name="nail" pos="0 0 1"/>'
+NAIL = '<site name="nail" pos="0 0 1"/>'
 PULLEY = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
 NAILS = '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>'
 BELT = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
@@ -80,7 +79,7 @@ def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(
     [
         (model(HINGES, after=SPRING), "spring", "tendon 'spring' of u, w", ("u", "w")),
         (model(ARM, after=CABLE), "cable", "tendon 'cable' of elbow", ("elbow",)),
-        (model(ON_BASE + SITES, after=ROPE), "tendon0", "tendon 'tendon0'", ("elbow",)),
+        (model(NAIL + SITES, after=ROPE), "tendon0", "tendon 'tendon0'", ("elbow",)),
     ],
 )
 def test_couplings_between_bodies_are_noted_and_refused_for_the_torques_of_their_joints(m, name, what, joints):

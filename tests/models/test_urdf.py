@@ -28,18 +28,15 @@ JOINT = """<joint name="j{i}" type="{kind}"><parent link="l{parent}"/><child lin
 def random_urdf(rng, bodies):
     """Links with any symmetric matrix as inertia, tiny, without mass, without extent or without inertial."""
     text, phi, odd = [], [], []
+    sizes = {"any": 1.0, "tiny": 1e-14, "no mass": 1.0}
     for i in range(bodies):
         what = rng.choice(["any", "tiny", "point", "no mass", "nothing", "no inertial"]) if i else "any"
-        size = {"any": 1.0, "tiny": 1e-14, "no mass": 1.0}.get(what, 0.0)
         m = {"any": rng.uniform(0.1, 3), "tiny": 1e-14, "point": 0.5}.get(what, 0.0)
-        c, rpy, entries = rng.normal(size=3), rng.uniform(-1, 1, 3), size * rng.normal(size=6)
-        if what == "no inertial":
-            text.append(f'<link name="l{i}"/>')
-            c, entries = np.zeros(3), np.zeros(6)
-        else:
-            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-            named = " ".join(f'{key}="{x!r}"' for key, x in zip(keys, entries.tolist(), strict=True))
-            text.append(LINK.format(i=i, m=float(m), c=numbers(c), rpy=numbers(rpy), entries=named))
+        c, rpy, entries = rng.normal(size=3), rng.uniform(-1, 1, 3), sizes.get(what, 0.0) * rng.normal(size=6)
+        keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        named = " ".join(f'{key}="{x!r}"' for key, x in zip(keys, entries.tolist(), strict=True))
+        link = LINK.format(i=i, m=float(m), c=numbers(c), rpy=numbers(rpy), entries=named)
+        text.append(f'<link name="l{i}"/>' if what == "no inertial" else link)
         R = Rotation.from_euler("xyz", rpy).as_matrix()
         phi.append(parameters_from_com(m, c, R @ symmetric(entries) @ R.T))
         if not is_balanced(np.linalg.eigvalsh(symmetric(entries))) and entries.any():
@@ -51,7 +48,7 @@ def random_urdf(rng, bodies):
 
 
 def test_parameters_are_those_that_the_file_states_and_are_written_back(written):
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         text, phi, odd = random_urdf(rng, int(rng.integers(2, 9)))
         path = written("r.urdf", text)
