@@ -27,14 +27,10 @@ def robot(written):
     """Writes a robot of two links, the second with a mesh as its collision, its visual or both."""
 
     def write(name="arm.urdf", *, extension="", joints="", **meshes):
-        shown = "".join(
-            f'<{kind}><geometry><mesh filename="{mesh}"/></geometry></{kind}>' for kind, mesh in meshes.items()
-        )
-        return written(
-            name,
-            f'<robot name="r">{extension}<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
-            f'{joints}<link name="a">{INERTIAL}</link><link name="b">{INERTIAL}{shown}</link></robot>',
-        )
+        shown = [f'<{kind}><geometry><mesh filename="{x}"/></geometry></{kind}>' for kind, x in meshes.items()]
+        joints += '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+        links = f'<link name="a">{INERTIAL}</link><link name="b">{INERTIAL}{"".join(shown)}</link>'
+        return written(name, f'<robot name="r">{extension}{joints}{links}</robot>')
 
     return write
 
@@ -64,17 +60,17 @@ def test_meshes_are_found_next_to_the_file_and_upwards(written, robot, name, mes
 
 def test_meshes_are_found_in_the_packages_of_the_environment_and_of_an_option(written, robot, tmp_path, monkeypatch):
     path = robot("urdf/arm.urdf", collision="package://hand/meshes/b.obj")
-    written("far/hand/meshes/b.obj", CORNERS)
+    far = written("far/hand/meshes/b.obj", CORNERS).parents[2]
     written("install/share/hand/meshes/b.obj", CORNERS)
     for variable, folder in (
-        ("ROS_PACKAGE_PATH", f"nowhere{os.pathsep}{tmp_path / 'far'}"),
-        ("ROS_PACKAGE_PATH", str(tmp_path / "far/hand")),
+        ("ROS_PACKAGE_PATH", f"nowhere{os.pathsep}{far}"),
+        ("ROS_PACKAGE_PATH", str(far / "hand")),
         ("AMENT_PREFIX_PATH", str(tmp_path / "install")),
     ):
         with monkeypatch.context() as here:
             here.setenv(variable, folder)
             assert mechanism(path).source.model.nmesh == 1
-    for folder in (tmp_path / "far", tmp_path / "far/hand"):
+    for folder in (far, far / "hand"):
         arm = mechanism(path, packages=[folder])
         assert arm.source.model.nmesh == 1 and updated_spec(arm, arm.known).compile().nmesh == 1
     written("package.xml", "<package><name>hand</name></package>")
@@ -159,11 +155,9 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(read):
     [
         (
             (joint("left"), RIGHT, joint("tip", '<mimic joint="right" multiplier="2" offset="1"/>')),
-            "joint 'tip' has to mimic one joint that moves by itself, out of left, not 'right'; write <mimic "
-            'joint="left" multiplier="-3" offset="1.2"/> instead',
+            'out of left, not \'right\'; write <mimic joint="left" multiplier="-3" offset="1.2"/> instead',
         ),
         ((joint("left", '<mimic joint="right"/>'), RIGHT), "joint 'left' has to mimic one .* of none, not 'right'"),
-        ((joint("left", '<mimic joint="left"/>'), joint("tip")), "'left' has to mimic one .* of tip, not 'left'"),
         ((joint("left", "<mimic/>"), joint("tip")), "has to mimic one .* of tip, not ''"),
         ((joint("left", kind="fixed"), RIGHT), "'right' has to mimic one .* of none, not 'left'"),
         ((joint("a"), joint("b"), joint("c", '<mimic joint="a"/><mimic joint="b"/>')), "joint 'c' has to mimic one"),
