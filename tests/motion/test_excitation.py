@@ -47,7 +47,7 @@ def test_a_fourier_trajectory_rests_at_both_ends_returns_and_has_its_derivatives
         np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=2e-6)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
     """Of a quadratic function plus one of fourth order."""
     rng, visited = np.random.default_rng(seed), []
