@@ -23,50 +23,35 @@ UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
-UR_LINKS = (
-    ("0 0 0.09", "0 0 1", 3.7, "0 -0.02 0.01"),
-    ("0 0.14 0", "0 1 0", 8.4, "0 0 0.28"),
-    ("0 -0.12 0.42", "0 1 0", 2.3, "0 0.01 0.25"),
-    ("0 0 0.39", "0 1 0", 1.2, "0.01 0.09 0.02"),
-    ("0 0.09 0", "0 0 1", 1.2, "0.03 0.01 0.05"),
-    ("0 0 0.09", "0 1 0", 0.6, "0.04 0.05 0.03"),
-)
-"""Position, axis, mass and centre of mass of each link."""
-
-
 Robot = namedtuple("Robot", "mechanism joints time q dq tau base")
 """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
 
 
-@cache
 def ur():
-    """A robot like Universal Robots' 5."""
-    links = [
-        f'<body name="{joint}_link" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" '
-        f'pos="{com}" diaginertia="0.02 0.02 0.01"/>'
-        for (place, axis, mass, com), joint in zip(UR_LINKS, UR, strict=True)
-    ]
-    return _recorded("".join(links) + "</body>" * len(links), UR)
+    """A robot with joints like Universal Robots'."""
+    return recorded(UR)
+
+
+def seven(pattern="panda_joint{}", fingers=()):
+    """A robot like Franka's or KUKA's with seven joints, perhaps with fingers."""
+    return recorded(tuple(pattern.format(k) for k in range(1, 8)), fingers)
 
 
 @cache
-def seven(pattern="panda_joint{}", fingers=False):
-    """A robot like Franka's or KUKA's with seven joints, perhaps with two fingers."""
-    names = [pattern.format(k) for k in range(1, 8)]
-    fingered = "".join(
-        f'<body name="finger{k}"><joint name="{name}" type="slide" axis="0 {y} 0"/>'
-        '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
-        for k, (name, y) in enumerate(zip(FINGERS, (1, -1), strict=True))
+def recorded(joints, fingers=()):
+    """A motion of six seconds of an arm, with its torques and base wrench."""
+    text = wrist.model(
+        beyond="".join(
+            f'<body name="of_{name}"><joint name="{name}" type="slide" axis="0 1 0"/>'
+            '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
+            for name in fingers
+        )
     )
-    text = wrist.model(beyond=fingered if fingers else "")
     for k in range(7, 0, -1):
-        text = text.replace(f'"joint{k}"', f'"{names[k - 1]}"')
-    return _recorded(text.split("<worldbody>")[1].split("</worldbody>")[0], tuple(names))
-
-
-def _recorded(bodies, joints):
-    """A motion of six seconds, with its torques and base wrench."""
-    spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
+        own = f'<joint name="{joints[k - 1]}" axis="0 0 1"/>' if k <= len(joints) else ""
+        text = text.replace(f'<joint name="joint{k}" axis="0 0 1"/>', own)
+    text = text.replace("<worldbody>", '<worldbody><body name="base">').replace("</worldbody>", "</body></worldbody>")
+    spec = mujoco.MjSpec.from_string(text)
     rng, mechanism, n = np.random.default_rng(3), sim.mechanism(spec, base="base"), len(joints)
     time, *states = wrist.motion(6.0)
     q, dq, ddq = (x[:, :n] for x in states)
@@ -187,7 +172,7 @@ def _rtde():
 
 
 def _franka():
-    tool, panda, hand = "Franka libfranka", seven(), seven(fingers=True)
+    tool, panda, hand = "Franka libfranka", seven(), seven(fingers=FINGERS)
     patterns = "state.q[{}]", "state.dq[{}]", "state.tau_J[{}]"
     beside = series("state.q_d[{}]", panda.q) | series("state.tau_ext_hat_filtered[{}]", noise(panda, 7))
     yield arm(tool, "logToCSV", panda, *patterns, beside=beside | series("cmd.tau_J[{}]", panda.tau))
