@@ -26,23 +26,6 @@ from sim.models.model_update import write_model
 from sim.models.xml_files import ModelFile, set_comment
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-LINK = """<link name="{}"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-LIMIT = '<limit lower="-1" upper="1" effort="9" velocity="9"/>'
-URDF = f"""<?xml version="1.0"?>
-<robot name="arm"><link name="base"/>
-  <joint name="turn" type="revolute"><!-- geared -->
-    <parent link="base"/><child link="one"/><axis xyz="0 0 1"/>{LIMIT}
-    <dynamics friction="0.5"   damping="1.0"/>
-  </joint>{LINK.format("one")}
-  <joint name="bend" type="revolute">
-    <parent link="one"/><child link="two"/><axis xyz="0 1 0"/>{LIMIT}
-  </joint>{LINK.format("two")}
-</robot>
-"""
-NEW = {"turn": Drive(1.25, 0.75, 0.5), "bend": Drive(0.125, 0.0625, 0.03125, 3.0)}
-
-
 SERVOS = """<mujoco><default><joint damping="9" armature="1" stiffness="5"/>
   <default class="stiff"><position kp="7" dampratio="1"/></default>
   <default class="own"><general gainprm="9" biasprm="0 -9 -1"/></default></default>
@@ -74,15 +57,15 @@ def test_numbers_are_set_whatever_the_classes_of_joints_and_actuators_have(writt
 
 
 def test_of_urdf_only_the_numbers_of_dynamics_change(written):
-    path = written("arm.urdf", URDF)
-    arm, new = mechanism(path), path.with_name("new.urdf")
-    write_model(new, arm, arm.known, NEW)
-    bend = '<joint name="bend" type="revolute">\n    '
-    expected = URDF.replace('friction="0.5"   damping="1.0"', 'friction="0.75"   damping="1.25"')
-    expected = expected.replace(bend, f'{bend}<dynamics damping="0.125" friction="0.0625"/>\n    ')
-    assert new.read_text(encoding="utf-8") == expected
+    before = ARM.replace('<child link="lean"/>', '<child link="lean"/><dynamics friction="0.5"   damping="1.0"/>')
+    path = written("arm.urdf", before)
+    arm, new, joint = mechanism(path), path.with_name("new.urdf"), '<joint name="b" type="continuous">'
+    write_model(new, arm, arm.known, {"a": Drive(1.25, 0.75, 0.5), "b": Drive(0.125, 0.0625, 0.25, 3.0)})
+    after = before.replace('friction="0.5"   damping="1.0"', 'friction="0.75"   damping="1.25"')
+    after = after.replace(joint, f'{joint}<dynamics damping="0.125" friction="0.0625"/>')
+    assert new.read_bytes().decode() == after
     write_model(new, arm, arm.known, arm.drives)
-    assert new.read_text(encoding="utf-8") == URDF
+    assert new.read_bytes().decode() == before
 
 
 ATTLIST = "<!DOCTYPE a [<!ATTLIST a b CDATA '1'>]>"
