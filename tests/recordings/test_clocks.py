@@ -11,7 +11,7 @@ import ident
 from ident import LogError, read_log
 from ident.geometry import se3
 from ident.geometry.se3 import pose
-from ident.recordings.times import Sampled, interpolated_poses, side_by_side
+from ident.recordings.times import Sampled, interpolated_poses
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -24,6 +24,7 @@ def slow(time):
 def test_channels_of_several_clocks_meet_at_uniform_times():
     jittered = T + np.random.default_rng(0).uniform(-2e-3, 2e-3, N)
     streams = {"hip_position": (jittered, 3 * jittered), "ground_force": (FAST, slow(FAST))}
+    streams["knee_position"] = T[::2], np.sin(T[::2])  # The fastest joint's rate is that of all.
     recording = ident.Recording.from_streams(streams, units={"ground_force": "N"})
     assert recording.rate == pytest.approx(100, rel=0.01) and recording.units == {"ground_force": "N"}
     assert (recording.time[0], recording.time[-1]) == (FAST[0], pytest.approx(jittered[-1], abs=0.011))
@@ -39,15 +40,6 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert len(ident.Recording.from_streams(streams, rate=20).time) == 7
     alone = recording.without_streams
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
-
-
-def test_streams_beside_each_other_have_the_times_of_all():
-    one, two = Sampled(T[:6:2], T[:6:2]), Sampled(T[1:4], slow(T[1:4]))
-    time, values = side_by_side([one, two])
-    np.testing.assert_array_equal(time, T[:5])
-    np.testing.assert_array_equal(values[:, 0], np.where(np.arange(5) % 2, np.nan, T[:5]))
-    np.testing.assert_array_equal(values[:, 1:], np.vstack([[np.nan] * 3, slow(T[1:4]), [np.nan] * 3]))
-    assert side_by_side([one, one]).time is one.time
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
@@ -95,13 +87,6 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
         assert read.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
             np.testing.assert_allclose(read[channel], x, atol=1e-12)
-
-
-@pytest.mark.extras
-def test_common_times_are_those_of_the_fastest_joint(pair):
-    first, second = ({name: x for name, x in ANGLES.items() if name != own} for own in ("joint2", "joint1"))
-    log = read_log(pair(first, {name: x[::2] for name, x in second.items()}), arm())
-    assert log.rate == pytest.approx(100) and log.streams.keys() == {"joint1_position", "joint2_position"}
 
 
 PLATE = {"frame": "plate", "position": [0, 0, 0], "force": ["ground_fx", "ground_fy", "ground_fz"]}

@@ -1,6 +1,5 @@
 """Units of columns, against the constants of physics, wrapped angles, computed columns, and selected rows and times."""
 
-import gzip
 import re
 
 import numpy as np
@@ -70,17 +69,6 @@ def test_selected_rows_and_times_and_a_wrong_stamp_among_them(tmp_path):
     assert len(read(tmp_path, PLAIN, two, gaps=True).as_measured("hip_position").time) == 22
     with pytest.raises(LogError, match=r"has a gap of 0\.1 s, from 0\.1 s to 0\.2 s.* \(--gaps, gaps=True in Python\)"):
         read(tmp_path, PLAIN, two)
-
-
-def test_packed_text_is_undamaged_and_unpacks_to_no_more_than_is_expected(tmp_path):
-    path, packed, bomb = tmp_path / "log.csv.gz", gzip.compress(text(PLAIN).encode()), 100_000 * "0.0,0.0,0.0\n"
-    path.write_bytes(gzip.compress(f"time,q_ankle,q_hip\n{bomb}".encode()))
-    with pytest.raises(LogError, match=r"takes 1 MB in memory where at most 0 MB .*--max-size"):
-        read_log(path, LEG, limit=500_000)
-    for damaged in (packed[:-9], b"\x1f\x8b" + bytes(40), packed[:40] + b"!" * 60):
-        path.write_bytes(damaged)
-        with pytest.raises(LogError, match=r"log\.csv\.gz: the file needs to be packed by gzip, whole and undamaged"):
-            read_log(path, LEG)
 
 
 SI = {"rad": 1.0, "deg": constants.degree, "rpm": 2 * constants.pi / constants.minute, "s": 1.0, "ms": constants.milli}
