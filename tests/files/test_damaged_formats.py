@@ -1,7 +1,5 @@
 """Each format damaged in ten ways and more: always one sentence, and never another error."""
 
-import re
-
 import numpy as np
 import pytest
 from commands import sentence_of
@@ -94,11 +92,6 @@ def changed(old, new):
     return lambda text: text.replace(old, new, 1)
 
 
-def sixth(x, y):
-    """The first marker at another place in the sixth frame."""
-    return lambda text: re.sub(r"(\n6\t0\.05\t)[^\t]*\t[^\t]*", rf"\g<1>{x}\t{y}", text)
-
-
 TEXTS = [
     ("log.mot", changed("endheader\n", ""), "needs a line 'endheader' before its table; there is none"),
     ("log.mot", changed("nRows=40", "nRows=41"), "promises 41 rows (nrows), the table has 40"),
@@ -117,8 +110,6 @@ TEXTS = [
     ("log.trc", changed("\t0.05\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
     ("log.trc", changed("Frame#", "Image"), "row 4 of a .trc file begins with Frame# and Time, got 'Image'"),
     ("log.trc", changed("\t0.05\t", "\tinf\t"), "row 12 needs finite numbers, got 'inf'"),
-    ("log.trc", sixth("1", ""), "frame 6: marker 'ankle' has some of x, y and z only"),
-    ("log.trc", sixth("9e30", "0"), "frame 6: marker 'ankle' needs positions below"),
     ("log.trc", changed("\t0.05\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
     ("log.trc", changed("\t0.05\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
 ]
@@ -136,7 +127,6 @@ def test_bags_that_are_refused(tmp_path):
     needs("bag")
     for name, topics, message in (
         ("none.bag", {}, "a bag needs a topic of sensor_msgs/msg/JointState"),
-        ("few.bag", {"/j": (T[:5], STATES)}, "at least 10 samples"),
         ("apart.bag", {"/j": (T, STATES), "/ground": (T + 100, WRENCH)}, "Streams need a time that all of them cover"),
     ):
         write_bag(tmp_path / name, topics)
@@ -155,15 +145,11 @@ def test_c3d_files_that_are_refused(tmp_path):
     ezc3d = needs("c3d")
     path, mapping = tmp_path / "log.c3d", {"joints": {joint: {"position": f"{joint}.x"} for joint in JOINTS}}
     plate = mapping | {"wrenches": {"ground": {"force": [f"plate1_force.{axis}" for axis in "xyz"]}}}
-    for group, entry, value, columns, message in (
-        ("POINT", "LABELS", ["hip", "hip"], mapping, "markers need different labels, 'hip' is given to more than one"),
-        ("FORCE_PLATFORM", "TYPE", np.array([99]), plate, "force is mapped to column 'plate1_force.x', but the file"),
-    ):
-        write(path)
-        file = ezc3d.c3d(str(path))
-        file["parameters"][group][entry]["value"] = value
-        file.write(str(path))
-        assert message in refusal(path, columns)
+    write(path)
+    file = ezc3d.c3d(str(path))
+    file["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"] = np.array([99])
+    file.write(str(path))
+    assert "force is mapped to column 'plate1_force.x', but the file" in refusal(path, plate)
     write_c3d(path, 100.0, {joint: np.full((N, 3), np.nan) for joint in JOINTS}, None, JOINTS)
     assert "column 'ankle.x' is empty, but joints.ankle.position needs it" in refusal(path, mapping)
     data = path.read_bytes()

@@ -11,7 +11,6 @@ from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, LEG, PLAIN, WRENCH, N, Q,
 from written_formats import DEG, write_bag, write_c3d, write_mat, write_mot, write_parquet, write_trc
 
 from ident import read_log
-from ident.files.markers import trc_markers
 from ident.files.readers import read_clocks, read_markers, read_tables
 
 pytestmark = pytest.mark.extras
@@ -89,7 +88,7 @@ def test_markers_of_a_trc_file(tmp_path, units):
     toe, path = np.stack([T, T, 1 + T], axis=1), tmp_path / "log.trc"
     toe[[5, 6, 7, 8, -1]] = np.nan
     write_trc(path, T, {"HEEL": HEEL, "TOE": toe}, units)
-    markers = trc_markers(path, 10**9)
+    markers = read_markers(path)
     assert markers.labels == ("HEEL", "TOE")
     np.testing.assert_allclose(markers.time, T, atol=1e-9)
     np.testing.assert_allclose(markers.positions, np.stack([HEEL, toe], axis=1), atol=1e-9)

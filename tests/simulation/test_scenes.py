@@ -1,7 +1,5 @@
 """The scenes: bodies, tilts, friction, noise, a humanoid that falls, and contacts against MuJoCo's own forces."""
 
-from functools import cache
-
 import mujoco
 import numpy as np
 import pytest
@@ -73,24 +71,15 @@ def test_contact_wrenches_sum_up_to_the_base_wrench():
 CONTACTS = (*scenes.CONTACTS, "pad handle")
 
 
-@cache
-def recorded(contact):
-    return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
-
-
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact):
-    problem, recording = StudyProblem.of(packaged("multicontact", contact=contact)), recorded(contact)
+def test_contacts_are_rich_and_the_total_wrench_is_the_base_wrench_of_the_same_motion_without_them(contact):
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    problem, cells = StudyProblem.of(packaged("multicontact", contact=contact)), scenes.load_cells(contact)
     states = recording.joint_states(problem.known.tree.joints)
     expected = inverse_dynamics(MODEL, *states)[1][:, :6]
     total = problem.total(recording).values
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
     assert abs(recording.wrench("ground").values - expected).max() > 30
-
-
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_the_pad_is_touched_several_times_and_the_handle_keeps_all_six_components_alive(contact):
-    cells, recording = scenes.load_cells(contact), recorded(contact)
     if "pad" in cells:
         touching = recording["pad_normal_force"] > 0
         assert 0.25 < touching.mean() < 0.8 and np.sum(~touching[:-1] & touching[1:]) >= 4
