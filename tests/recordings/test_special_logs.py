@@ -53,13 +53,12 @@ def test_balls_are_found_by_name(names):
 
 
 def test_what_is_no_quaternion_is_refused():
-    whole, motor = columns(), {"joints": ["neck"], "matrix": [[1]]}
+    whole = columns()
     lacking = {name: x for name, x in whole.items() if name != "neck_position.z"}
     for cells, mapping, expected in (
         (lacking, None, "'neck' needs columns of its positions, named neck_position, q_neck,"),
         (whole | {"neck_position.x": 3 + T}, None, "sample 1, joints.neck.position needs a norm of 1, got"),
         (whole | {"x": T}, {"joints": {"neck": {"position": "x"}}}, "joints.neck.position needs a list of 4 columns"),
-        (whole, {"motors": {"m": motor}}, "motors.m.joints needs a list of joints, of"),
     ):
         assert expected in sentence_of(read_log, cells, MECHANISM, mapping)
 
