@@ -19,6 +19,11 @@ pytestmark = pytest.mark.extras
 COLUMNS = PLAIN | {f"dq_{joint}": DQ[:, k] for k, joint in enumerate(JOINTS)} | GROUND_COLUMNS
 FAST, FAST_TIME = np.repeat(WRENCH, 5, axis=0), np.arange(5 * N) / 500
 HEEL = np.stack([T, 1 + T, 2 - T], axis=1)
+STATES = {joint: list(zip(Q[:, k], DQ[:, k], T, strict=True)) for k, joint in reversed([*enumerate(JOINTS)])}
+"""Positions, velocities and torques in another order than the mechanism's."""
+OTHERS = {"ft": {"F": {"x": 1, "y": 2.5}, "M": [0, 0, 1]}, "mode": "run", "on": True}
+LINES = [{"time": t, "q": q, "e": [2 * x for x in q], **OTHERS} for t, q in zip(T.tolist(), Q.tolist(), strict=True)]
+OF_JOINTS = {joint: {"position": f"q.{k}", "torque": f"e.{k}"} for k, joint in enumerate(JOINTS)}
 
 
 def same_as_csv(path):
@@ -123,10 +128,6 @@ def test_damaged_tables_of_markers_are_refused(tmp_path, text, expected):
     assert expected in sentence_of(read_markers, tmp_path / "a.csv")
 
 
-STATES = {joint: list(zip(Q[:, k], DQ[:, k], T, strict=True)) for k, joint in reversed([*enumerate(JOINTS)])}
-"""Positions, velocities and torques in another order than the mechanism's."""
-
-
 @pytest.mark.parametrize("name", ["log.bag", "folder", "mcap/mcap.mcap"])
 def test_bags_have_each_topic_at_its_own_times(tmp_path, name):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
@@ -163,11 +164,6 @@ def test_mappings_that_contradict_a_bag(tmp_path):
         ({"wrenches": {"ground": {"force": ["ground_force.x", "x.0", ""]}}}, "wrenches.ground.force needs columns of"),
     ):
         assert message in sentence_of(read_log, tmp_path / "log.bag", LEG, mapping)
-
-
-OTHERS = {"ft": {"F": {"x": 1, "y": 2.5}, "M": [0, 0, 1]}, "mode": "run", "on": True}
-LINES = [{"time": t, "q": q, "e": [2 * x for x in q], **OTHERS} for t, q in zip(T.tolist(), Q.tolist(), strict=True)]
-OF_JOINTS = {joint: {"position": f"q.{k}", "torque": f"e.{k}"} for k, joint in enumerate(JOINTS)}
 
 
 def written(path, rows):

@@ -20,6 +20,14 @@ from ident.files import csv_file
 from ident.files.parquet import size_of
 from ident.files.readers import read_clocks, read_tables
 
+ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
+READERS = {
+    "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
+    "recording": Recording.load,
+    "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
+    "estimate": Estimate.load,
+}
+
 
 def peak(path, limit=2_000_000, read=read_tables):
     """Tables of a file or the sentence that refuses it, and the most memory that it took."""
@@ -147,15 +155,6 @@ def archive(path, content, compression=zipfile.ZIP_STORED):
         for name in ("measured/elbow_position", "outcomes", "objects"):
             out.writestr(f"{name}.npy", content, compression)
     return path
-
-
-ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
-READERS = {
-    "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
-    "recording": Recording.load,
-    "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
-    "estimate": Estimate.load,
-}
 
 
 @pytest.mark.parametrize("reader", READERS)

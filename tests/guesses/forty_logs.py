@@ -25,6 +25,9 @@ FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
 Robot = namedtuple("Robot", "mechanism joints time q dq tau base")
 """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
+ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
+PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
+"""Name, factor and start of columns of times."""
 
 
 def ur():
@@ -63,11 +66,6 @@ def recorded(joints, fingers=()):
     ground = ground + 0.01 * np.ptp(ground, axis=0) * rng.normal(size=ground.shape)
     q, dq = q + 1e-5 * rng.normal(size=q.shape), dq + 1e-3 * rng.normal(size=q.shape)
     return Robot(mechanism, joints, time, q, dq, tau, ground)
-
-
-ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
-PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
-"""Name, factor and start of columns of times."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-import wrist
-from guesses.odd_logs import DEG, GAINS, LOGS, arm, belief_of, motors, read_as_guessed, recording, vector, write
+from guesses.odd_logs import GAINS, LOGS, arm, belief_of, motors, read_as_guessed, recording, vector, write
 from scipy.spatial.transform import Rotation
 
 import ident
-import sim
 from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
 from experiments.guesses.words import words, wrench_groups
@@ -18,6 +15,13 @@ from ident import Body, Mechanism, Tree
 from ident.mechanism.body import ball_twist
 
 JOINTS = ("joint1", "joint2")
+Q1, Q2 = (recording()[f"{joint}_position"] for joint in JOINTS)
+WRENCH = recording().wrench("ground").values
+HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
+KNEE = Body("shank", 0, np.eye(4), np.eye(6)[4], "knee")
+TURNS = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(40, 3))).as_quat(scalar_first=True)
+PLACES = np.random.default_rng(2).normal(size=(40, 3))
+PLATE = [f"1_ground_force_v{axis}" for axis in "xyz"]
 
 
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.__name__)
@@ -39,10 +43,6 @@ def test_the_guessed_mapping_reads_as_the_true_one(tmp_path, log):
         torque = belief.quantities[f"joints.{joint}.torque"]
         deviation = float(torque.why[-1].split("±")[1].split()[0])
         assert abs(torque.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
-
-
-Q1, Q2 = (recording()[f"{joint}_position"] for joint in JOINTS)
-WRENCH = recording().wrench("ground").values
 
 
 def guessed_of(tmp_path, columns, wrench=WRENCH):
@@ -72,24 +72,6 @@ def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
     belief, _ = guessed_of(tmp_path, {"joint1": Q1, "joint2": Q2}, 1e-9 * WRENCH)
     assert not {"unit", "torque_unit"} & belief.groups["ground"].entries.keys()
     assert sum("which no other unit explains" in note for note in belief.notes) == 2
-
-
-def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
-    robot, log = sim.mechanism(mujoco.MjSpec.from_string(wrist.model())), wrist.log(seconds=6.0)
-    columns = {f"A{k} [deg]": DEG * log[f"{joint}_position"] for k, joint in enumerate(wrist.JOINTS, 1)}
-    columns |= vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])
-    belief = belief_of(tmp_path, columns, robot)
-    read = read_as_guessed(tmp_path, belief, robot)
-    np.testing.assert_allclose(read["joint6_position"], log["joint6_position"], atol=1e-4)
-    sensor = read.sensors["wrist"]
-    np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
-    assert belief.groups["wrist"].is_inner and sensor.body == "tool" and sensor.applied_to_link and belief.open == []
-
-
-HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
-KNEE = Body("shank", 0, np.eye(4), np.eye(6)[4], "knee")
-TURNS = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(40, 3))).as_quat(scalar_first=True)
-PLACES = np.random.default_rng(2).normal(size=(40, 3))
 
 
 def posed(pattern, x, components):
@@ -148,9 +130,6 @@ def test_poses_of_a_base_are_found_by_their_names(tmp_path):
 def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
     meaning = words(name)
     assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
-
-
-PLATE = [f"1_ground_force_v{axis}" for axis in "xyz"]
 
 
 @pytest.mark.parametrize(

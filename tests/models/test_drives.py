@@ -24,6 +24,11 @@ ARM = """
   <actuator>{}</actuator>
 </mujoco>
 """
+URDF = """<robot name="r"><link name="base"/>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/>{}</joint><transmission name="t">{}</transmission></robot>"""
+REDUCTION = '<joint name="elbow"/><actuator name="m"><mechanicalReduction>{}</mechanicalReduction></actuator>'
 
 
 def arm(actuators=""):
@@ -78,13 +83,6 @@ def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
     drives = arm().drives
     assert tuple(drives) == arm().tree.freedoms
     assert [drive for name, drive in drives.items() if "root" in name] == [Drive(viscous=2, stiffness=3)] * 6
-
-
-URDF = """<robot name="r"><link name="base"/>
-<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/>{}</joint><transmission name="t">{}</transmission></robot>"""
-REDUCTION = '<joint name="elbow"/><actuator name="m"><mechanicalReduction>{}</mechanicalReduction></actuator>'
 
 
 @pytest.mark.parametrize(

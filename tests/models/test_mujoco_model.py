@@ -11,15 +11,14 @@ from sim.models.couplings import check_torques
 from sim.models.mujoco_model import gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
+ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
+SITES = ARM.replace("</body>", '<site name="tip"/></body>')
+HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
+
 
 def model(body, before="", after=""):
     body = f'{before}<body name="base"><geom size=".1"/>{body}</body></worldbody>{after}'
     return mujoco.MjModel.from_xml_string(f'<mujoco><compiler angle="radian"/><worldbody>{body}</mujoco>')
-
-
-ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
-SITES = ARM.replace("</body>", '<site name="tip"/></body>')
-HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
 
 
 @pytest.mark.parametrize(("joint", "gravity"), [("", [0, -9.81, 0]), ("<joint/>", [0, 0, -9.81])])

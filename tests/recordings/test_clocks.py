@@ -14,6 +14,12 @@ from ident.geometry.se3 import pose
 from ident.recordings.times import Sampled, interpolated_poses
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
+R = recording()
+ANGLES = {"time": R.time, "joint1": R["joint1_position"], "joint2": R["joint2_position"]}
+FORCES = {"time": R.time} | vector("ground_f{}", R["ground_force"]) | vector("ground_m{}", R["ground_torque"])
+FORCES = {name: x[1::2] for name, x in FORCES.items()}
+PLATE = {"frame": "plate", "position": [0, 0, 0], "force": ["ground_fx", "ground_fy", "ground_fz"]}
+FREE = {"point": ["x", 0.0, 0.0], "free_moment": ["", "", "ground_mz"]}
 
 
 def slow(time):
@@ -62,12 +68,6 @@ def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
         read(tmp_path, text(columns | {"ground_fz": np.where(T < 0.345, np.nan, T)}), gaps=True)
 
 
-R = recording()
-ANGLES = {"time": R.time, "joint1": R["joint1_position"], "joint2": R["joint2_position"]}
-FORCES = {"time": R.time} | vector("ground_f{}", R["ground_force"]) | vector("ground_m{}", R["ground_torque"])
-FORCES = {name: x[1::2] for name, x in FORCES.items()}
-
-
 @pytest.fixture
 def pair(tmp_path):
     """A function that writes a file of angles at 100 Hz and one of forces at 50 Hz, and returns their log."""
@@ -87,10 +87,6 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
         assert read.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
             np.testing.assert_allclose(read[channel], x, atol=1e-12)
-
-
-PLATE = {"frame": "plate", "position": [0, 0, 0], "force": ["ground_fx", "ground_fy", "ground_fz"]}
-FREE = {"point": ["x", 0.0, 0.0], "free_moment": ["", "", "ground_mz"]}
 
 
 @pytest.mark.extras

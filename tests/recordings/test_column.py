@@ -12,6 +12,10 @@ from ident.files.table import UNITS
 from ident.recordings.channels import unwrapped
 from ident.recordings.stated import couplings
 
+TIME = np.arange(900) / 100
+ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
+DEG, TURN = 180 / np.pi, 2 * np.pi
+
 
 def test_gain_constant_and_unit(tmp_path):
     columns = {"frame": 5 * np.arange(N), "a": 10 - np.rad2deg(Q[:, 0]), "h": 1000 * Q[:, 1], "i": T + 1, "fz": T - 7}
@@ -86,11 +90,6 @@ def factor(unit):
 def test_units_are_what_they_are_in_si(quantity):
     assert UNITS[quantity] == pytest.approx({unit: factor(unit) for unit in UNITS[quantity]}, rel=1e-12)
     assert next(iter(UNITS[quantity].values())) == 1
-
-
-TIME = np.arange(900) / 100
-ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
-DEG, TURN = 180 / np.pi, 2 * np.pi
 
 
 def read_hip(columns, **entries):

@@ -10,6 +10,9 @@ from ident.recordings import smoothing
 from ident.recordings.times import Sampled
 
 T = np.arange(1200) / 100
+TIME = T[:1000]
+SINE, SMOOTH = np.sin(2 * TIME), np.sin(2 * TIME) + 0.3 * np.sin(5.1 * TIME)
+NOISY = SMOOTH + 0.02 * np.random.default_rng(0).normal(size=1000)
 
 
 def tones(t):
@@ -75,11 +78,6 @@ def test_stretches_end_at_gaps_and_where_times_jump():
     inside[[0, 4, 5]] = False
     assert smoothing.stretches(time, inside) == [slice(1, 4), slice(6, 10), slice(10, 20)]
     assert smoothing.stretches(time, np.zeros(20, bool)) == []
-
-
-TIME = T[:1000]
-SINE, SMOOTH = np.sin(2 * TIME), np.sin(2 * TIME) + 0.3 * np.sin(5.1 * TIME)
-NOISY = SMOOTH + 0.02 * np.random.default_rng(0).normal(size=1000)
 
 
 @pytest.mark.parametrize("step", [0, 1e-3, 0.01])

@@ -32,6 +32,13 @@ RATES, TORQUES = RNG.normal(size=(2, N, 3))
 HEAD = Body("head", -1, np.eye(4), ball_twist(np.zeros(3)), "neck")
 ARM = Body("arm", 0, np.eye(4), np.eye(6)[4], "elbow")
 MECHANISM = Mechanism(Tree((HEAD, ARM)), np.array([0, 0, -9.81]))
+LOG, TILTED = faulty(0), Rotation.from_quat([0.6, 0.0, 0.8, 0.0], scalar_first=True)
+POSE = np.vstack([np.column_stack([TILTED.as_matrix(), [1, 2, 3]]), [0, 0, 0, 1]])
+WRIST = {"body": "tool", "force": ["fx", "fy", "fz"], "torque": ["mx", "my", "mz"], "position": [0, 0, 0.01]}
+WRIST["quaternion"] = [float(x) for x in wrist.FACING.split()]
+WRENCHES = {"wrenches": {"wrist": WRIST}}
+MAPPING = {"poses": True, **WRENCHES}
+ROBOT = mechanism(mujoco.MjSpec.from_string(wrist.model()))
 
 
 def columns(position="neck_position", velocity="neck_velocity", torque="neck_torque"):
@@ -61,10 +68,6 @@ def test_what_is_no_quaternion_is_refused():
         (whole | {"x": T}, {"joints": {"neck": {"position": "x"}}}, "joints.neck.position needs a list of 4 columns"),
     ):
         assert expected in sentence_of(read_log, cells, MECHANISM, mapping)
-
-
-LOG, TILTED = faulty(0), Rotation.from_quat([0.6, 0.0, 0.8, 0.0], scalar_first=True)
-POSE = np.vstack([np.column_stack([TILTED.as_matrix(), [1, 2, 3]]), [0, 0, 0, 1]])
 
 
 def test_constants_have_the_times_of_any_file(tmp_path):
@@ -100,13 +103,6 @@ def test_columns_takes_a_rate_and_writes_it(tmp_path, capsys):
         log_contents(write_csv(tmp_path / "log.csv", {"a": np.cos(np.arange(50)), "b": np.sin(np.arange(50))}))
     message = refusal(main, ["model.xml", "log.csv", "--rate", "-3"], capsys)
     assert "needs a number of samples per second, in Hz, got '-3'" in message
-
-
-WRIST = {"body": "tool", "force": ["fx", "fy", "fz"], "torque": ["mx", "my", "mz"], "position": [0, 0, 0.01]}
-WRIST["quaternion"] = [float(x) for x in wrist.FACING.split()]
-WRENCHES = {"wrenches": {"wrist": WRIST}}
-MAPPING = {"poses": True, **WRENCHES}
-ROBOT = mechanism(mujoco.MjSpec.from_string(wrist.model()))
 
 
 def pose_columns(poses, seed=0):

@@ -20,6 +20,7 @@ from sim.simulation.simulate import simulate
 from sim.simulation.stepped import fall
 
 MODEL = scenes.load("double_pendulum").compile()
+CONTACTS = (*scenes.CONTACTS, "pad handle")
 
 
 def test_bodies_are_physical_and_geoms_weigh_nothing():
@@ -66,9 +67,6 @@ def test_contact_wrenches_sum_up_to_the_base_wrench():
     total = total_wrench(tree, states[0], None, contacts).values
     np.testing.assert_allclose(total, Y @ parameters_from_model(HUMANOID, "pelvis"), rtol=0, atol=1e-8)
     assert abs(total[:, :3]).max() > 1000 and abs(total[:, 3:]).max() > 100
-
-
-CONTACTS = (*scenes.CONTACTS, "pad handle")
 
 
 @pytest.mark.parametrize("contact", CONTACTS)

@@ -27,6 +27,7 @@ from sim.simulation.stepped import rolled_out
 
 TILT = {"tilt_deg": 5, "azimuth_deg": 120}
 JOINTS = ["joint1", "joint2"]
+TIME = np.arange(-20, 20) / 20
 
 
 @pytest.fixture(scope="module")
@@ -144,9 +145,6 @@ def test_servos_that_lose_the_excitation_are_refused():
     spec.actuator("servo1").forcerange = [-20, 20]
     with pytest.raises(ValueError, match=r"servo of joint 'joint1' .* after 0\.\d\d s by 0\.\d\d rad: it must"):
         simulate_many(spec, DOUBLE_PENDULUM, seeds=range(3), threads=2)
-
-
-TIME = np.arange(-20, 20) / 20
 
 
 @pytest.mark.parametrize("seed", range(6))
