@@ -72,6 +72,7 @@ STATED = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia i
 iyz="0"/></inertial></link><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>
 <link name="c">{}</link><joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint></robot>"""
 MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+LINK_1 = f'<link name="a">{MASS.format(1)}</link>'
 BODY = '<mujoco><worldbody><body name="a"><joint/><geom size=".1"/></body></worldbody></mujoco>'
 NUMBERS = "link 'a' needs finite numbers and no negative mass; its inertia is 1 1"
 
@@ -164,9 +165,6 @@ def test_what_is_missing_is_put_in(arm):
         new = re.search(rf'"{name}">(\s*<inertial><origin.*?</inertial>)', text, re.DOTALL)
         assert text.replace(new[1], "", 1) == before
     assert '<link name="bare">\r\n    <inertial><origin' in updated(arm, bare=WRITTEN_BODY)
-
-
-LINK_1 = f'<link name="a">{MASS.format(1)}</link>'
 
 
 @pytest.mark.parametrize(

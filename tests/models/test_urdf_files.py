@@ -46,7 +46,6 @@ def no_packages_of_this_computer(monkeypatch):
     [
         ("./meshes/b.obj", "arm/urdf/meshes/b.obj"),
         ("package://arm/meshes/b.obj", "arm/meshes/b.obj"),
-        ("package://hand/meshes/b.obj", "hand/meshes/b.obj"),
         ("model://hand/b.obj", "arm/urdf/hand/b.obj"),
         ("package://any/meshes/b.obj", "arm/urdf/meshes/b.obj"),
         ("package://any/far/b.obj", "arm/urdf/b.obj"),
