@@ -118,8 +118,7 @@ def test_the_largest_time_and_the_largest_number(tmp_path, sign):
     for mapping, limit in ((None, 1e8), (kilo, 1e5)):
         near, beyond = (text(PLAIN | {"ground_fz": share * sign * limit + T}) for share in (0.9, 1.1))
         np.testing.assert_allclose(read(tmp_path, near, mapping).wrench("ground").values[0, 2], 0.9e8 * sign)
-        with pytest.raises(LogError, match=r"row 2, column 'ground_fz' needs numbers below"):
-            read(tmp_path, beyond, mapping)
+        assert "row 2, column 'ground_fz' needs numbers below" in sentence_of(read, tmp_path, beyond, mapping)
 
 
 COUNT = np.arange(N)
@@ -223,11 +222,10 @@ def test_files_that_are_no_logs(tmp_path):
         "log.csv.gz": "the file needs to be packed by gzip, whole and undamaged",
         "missing.csv": "there is no such file",
         "missing.bag": "there is no such file",
-        "log.xlsx": r"logs end in \.csv, \.tsv, ",
+        "log.xlsx": "logs end in .csv, .tsv, ",
         ".": "the folder needs metadata.yaml",
     }.items():
-        with pytest.raises(LogError, match=reason):
-            read_log(tmp_path / name, LEG)
+        assert reason in sentence_of(read_log, tmp_path / name, LEG)
     (tmp_path / "log.csv").write_text(text(PLAIN))
     with pytest.raises(LogError, match=r"no.toml: a mapping of columns needs to be TOML in UTF-8 \(No such file"):
         read_log(tmp_path / "log.csv", LEG, columns=tmp_path / "no.toml")

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from same_recording import assert_same_recording
 
-from ident import Body, InputError, LogError, Mechanism, Recording, Sensor, Tree, read_log
+from ident import Body, LogError, Mechanism, Recording, Sensor, Tree, read_log
 from ident.geometry import se3
 from ident.mechanism.body import Follower
 from ident.recordings.stated import Servo, Tracker
@@ -125,24 +126,20 @@ def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, sam
     pieces = Recording.chunks(tmp_path / "r.csv", samples)
     for _ in range(9 // samples):
         next(pieces)
-    with pytest.raises(LogError, match=rf"r\.csv: {message}"):
-        next(pieces)
+    assert f"r.csv: {message}" in sentence_of(next, pieces)
 
 
 def test_files_that_are_no_recordings(tmp_path):
     (tmp_path / "r.npz").write_text("not a zip")
     for name in ("r.npz", "missing.csv", "r.mat"):
-        with pytest.raises(LogError, match=name):
-            Recording.load(tmp_path / name)
-    with pytest.raises(InputError, match=r"as .npz or .csv, got 'r.mat'"):
-        RECORDING.save(tmp_path / "r.mat")
+        assert name in sentence_of(Recording.load, tmp_path / name)
+    assert "as .npz or .csv, got 'r.mat'" in sentence_of(RECORDING.save, tmp_path / "r.mat")
     for more, message in (
-        ({}, r"a recording needs a column 'time'; the file has a\."),
+        ({}, "a recording needs a column 'time'; the file has a."),
         ({"time": np.arange(4.0)}, "arrays need the same number of samples, 'time' has 4 and 'meas"),
     ):
         np.savez(tmp_path / "r.npz", metadata="{}", **{"measured/a": np.ones(5)}, **more)
-        with pytest.raises(LogError, match=rf"r\.npz: {message}"):
-            Recording.load(tmp_path / "r.npz")
+        assert f"r.npz: {message}" in sentence_of(Recording.load, tmp_path / "r.npz")
 
 
 @pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "base:a", "#a", " a", "a\n", "", "12"])
