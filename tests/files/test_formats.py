@@ -111,9 +111,8 @@ def test_markers_of_c3d_files_are_read(tmp_path):
     assert f"0 markers in {N} frames need positions" in sentence_of(read_markers, tmp_path / "b.c3d")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
+def test_damaged_tables_of_markers_are_refused(tmp_path):
+    for text, expected in (
         ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
         ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
         ("time,A.w\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
@@ -121,11 +120,9 @@ def test_markers_of_c3d_files_are_read(tmp_path):
         ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
         ("time,A.x,A.y,A.z\n", "needs frames, it has none"),
         ("time,A.x,A.y,A.z\n0,1,1e30,3\n", "frame 1: marker 'A' needs positions below"),
-    ],
-)
-def test_damaged_tables_of_markers_are_refused(tmp_path, text, expected):
-    (tmp_path / "a.csv").write_text(text)
-    assert expected in sentence_of(read_markers, tmp_path / "a.csv")
+    ):
+        (tmp_path / "a.csv").write_text(text)
+        assert expected in sentence_of(read_markers, tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("name", ["log.bag", "folder", "mcap/mcap.mcap"])
@@ -183,9 +180,8 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
     np.testing.assert_allclose(log.time, T, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
+def test_errors_name_the_row(tmp_path):
+    for rows, message in (
         ([*LINES[:4], "[1, 2]", *LINES[4:]], r"row 5 needs an object of JSON, .*; got \[1.0, 2.0\]"),
         ([*LINES[:4], '{"time": 0.04, "q":', *LINES[4:]], r"row 5 needs an object of JSON, .* \(Expecting"),
         ([*LINES, "[" * 100_000], rf"row {N + 1} needs an object of JSON"),
@@ -195,9 +191,7 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
         ([*LINES[:9], {**LINES[9], "q": [0.1, 1e400]}, *LINES[10:]], "row 10, column 'q.1' needs a finite"),
         ([json.dumps(LINES)], "row 1 needs an object of JSON"),
         ([], "at least 10 samples, it has 0"),
-    ],
-)
-def test_errors_name_the_row(tmp_path, rows, message):
-    path = written(tmp_path / "log.jsonl", rows)
-    mapping = {"joints": {joint: {"position": own["position"]} for joint, own in OF_JOINTS.items()}}
-    assert re.search(message, sentence_of(read_log, path, LEG, mapping))
+    ):
+        path = written(tmp_path / "log.jsonl", rows)
+        mapping = {"joints": {joint: {"position": own["position"]} for joint, own in OF_JOINTS.items()}}
+        assert re.search(message, sentence_of(read_log, path, LEG, mapping))

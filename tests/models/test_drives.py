@@ -65,18 +65,15 @@ def test_motors_have_rotors_friction_and_gains():
         assert arm(motor).drives["elbow"].actuators[0].kind == "general"
 
 
-@pytest.mark.parametrize(
-    ("drives", "message"),
-    [
+def test_drives_given_in_python_are_checked():
+    for drives, message in (
         ({"knee": Drive()}, "drives names 'knee', which is none of root"),
         ({"elbow": 3}, "drives needs a Drive by the name of each driven freedom"),
         ({"elbow": Drive(springref="low")}, "Joint 'elbow' needs a finite spring reference, got low."),
         ({"elbow": Drive(actuators=(Actuator("m", gear=np.inf),))}, "'m' of joint 'elbow' needs a finite gear"),
         ({"elbow": Drive(actuators=(Actuator("m", rotor=-1),))}, "needs a rotor inertia of at least 0, got -1."),
-    ],
-)
-def test_drives_given_in_python_are_checked(drives, message):
-    assert message in sentence_of(replace, arm(), drives=drives)
+    ):
+        assert message in sentence_of(replace, arm(), drives=drives)
 
 
 def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():

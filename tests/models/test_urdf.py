@@ -77,17 +77,14 @@ BODY = '<mujoco><worldbody><body name="a"><joint/><geom size=".1"/></body></worl
 NUMBERS = "link 'a' needs finite numbers and no negative mass; its inertia is 1 1"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_files_without_anything_are_refused(written):
+    for text, message in (
         ("", "needs to be XML (no element found"),
         ("<robot name='r'/>", "has a <link> for every body, this one has none"),
         *((STATED.format(x, ""), f"{NUMBERS} {x}") for x in ("nan", "0x10", "1e308")),
         (STATED.format("1", MASS.format(-1)), "link 'c' needs finite numbers and no negative mass; its mass is"),
-    ],
-)
-def test_files_without_anything_are_refused(written, text, message):
-    assert message in sentence_of(compiled, written("a.urdf", text))
+    ):
+        assert message in sentence_of(compiled, written("a.urdf", text))
 
 
 def test_names_of_files_and_all_of_mjcf_are_utf_8(written):
@@ -167,14 +164,11 @@ def test_what_is_missing_is_put_in(arm):
     assert '<link name="bare">\r\n    <inertial><origin' in updated(arm, bare=WRITTEN_BODY)
 
 
-@pytest.mark.parametrize(
-    ("text", "encoding", "message"),
-    [
+def test_what_cannot_be_written_back_is_refused(tmp_path):
+    for text, encoding, message in (
         (f'<?xml version="1.0" encoding="UTF-16"?><robot name="r">{LINK_1}</robot>', "utf-16", "save it in UTF-8"),
         (f"<!DOCTYPE r [<!ENTITY a '{LINK_1}'>]><robot name='r'>&a;</robot>", "utf-8", "come from entities"),
-    ],
-)
-def test_what_cannot_be_written_back_is_refused(tmp_path, text, encoding, message):
-    path, new = tmp_path / "a.urdf", tmp_path / "new.urdf"
-    path.write_text(text, encoding=encoding)
-    assert message in sentence_of(write_model, new, mechanism(path), WRITTEN_BODY) and not new.exists()
+    ):
+        path, new = tmp_path / "a.urdf", tmp_path / "new.urdf"
+        path.write_text(text, encoding=encoding)
+        assert message in sentence_of(write_model, new, mechanism(path), WRITTEN_BODY) and not new.exists()

@@ -149,9 +149,8 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(read):
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-@pytest.mark.parametrize(
-    ("joints", "message"),
-    [
+def test_wrong_mimics_are_one_sentence(read):
+    for joints, message in (
         (
             (joint("left"), RIGHT, joint("tip", '<mimic joint="right" multiplier="2" offset="1"/>')),
             'out of left, not \'right\'; write <mimic joint="left" multiplier="-3" offset="1.2"/> instead',
@@ -162,10 +161,8 @@ def test_a_mimic_that_stands_before_its_leader_follows_it(read):
         ((joint("a"), joint("b"), joint("c", '<mimic joint="a"/><mimic joint="b"/>')), "joint 'c' has to mimic one"),
         ((joint("left"), joint("right", '<mimic joint="left" multiplier="x"/>')), "the mimic of joint 'right' needs a"),
         ((joint("left"), joint("right", '<mimic joint="left" offset="inf"/>')), "the mimic of joint 'right' needs a"),
-    ],
-)
-def test_wrong_mimics_are_one_sentence(read, joints, message):
-    assert re.search(message, sentence_of(read, *joints))
+    ):
+        assert re.search(message, sentence_of(read, *joints))
 
 
 def test_a_mimic_of_a_joint_that_the_file_lacks_moves_by_itself(read):

@@ -90,9 +90,8 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
 
 
 @pytest.mark.extras
-@pytest.mark.parametrize(
-    ("more", "more_forces", "mapping", "sentence"),
-    [
+def test_files_that_contradict_each_other_are_one_sentence(pair):
+    for more, more_forces, mapping, sentence in (
         ({}, {"time": FORCES["time"] + 1.7e9}, {}, "clock, but they begin on different days"),
         ({}, {"time": FORCES["time"] + 60}, {}, "need a time that all of them cover"),
         ({}, {"joint2": FORCES["time"]}, {}, "joint 'joint2' needs a column of its positions"),
@@ -103,10 +102,8 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
         ({}, {}, {"select": {"rows": [1, 50]}}, "[select] rows are those of one table"),
         ({"x": R.time}, {}, {"wrenches": {"ground": {"force": ["x", "", "ground_fz"]}}}, "'ground_fz' have times"),
         ({"x": R.time}, {}, {"wrenches": {"ground": PLATE | FREE}}, "of the same times, its point has its own"),
-    ],
-)
-def test_files_that_contradict_each_other_are_one_sentence(pair, more, more_forces, mapping, sentence):
-    assert sentence in sentence_of(read_log, pair(ANGLES | more, FORCES | more_forces), arm(), mapping)
+    ):
+        assert sentence in sentence_of(read_log, pair(ANGLES | more, FORCES | more_forces), arm(), mapping)
 
 
 @pytest.mark.extras
