@@ -276,13 +276,13 @@ def test_forces_that_do_not_act_are_left_out_also_where_the_loads_are_the_whole_
 
 def test_loads_that_cannot_be_taken_are_refused(tmp_path):
     for text, message in (
+        (None, "are an XML file that exists"),
         (loads(), "have an <ExternalForce> that acts, this <OpenSimDocument> has none"),
         (loads(force("a", "toes")), "\"a\"> acts on 'toes', which is no body of the model; those are foot_r, foot_l"),
         (loads(force("a", "foot_r", "foot_r")), "needs the ground as its force_expressed_in_body, got 'foot_r'"),
         (loads(force("a", "foot_r", more="")), "needs a <torque_identifier>"),
         (loads(force("a", "foot_r"), force("a", "foot_l")), "every <ExternalForce> needs a name of its own"),
         ("<OpenSimDocument>", "the file needs to be XML"),
-        (None, "are an XML file that exists"),
     ):
         with pytest.raises(LogError, match=rf"loads\.xml.*{message}"):
             loaded(tmp_path / "loads.xml", text, ("foot_r", "foot_l"))
