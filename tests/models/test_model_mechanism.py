@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from commands import refusal
+from commands import refusal, sentence_of
 
 import sim
-from experiments import excite, identify
+from experiments import identify
 from ident.geometry.se3 import pose
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
@@ -30,15 +30,11 @@ def test_what_to_type_is_said(written, tmp_path, capsys):
     message = refusal(identify.main, arguments, capsys)
     assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
     assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
-    for fix, what in {
-        ("thumb",): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
-        ("finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
-        ("finger1", "0", "1"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [0.0, 1.0].",
-        ("finger1", "nan"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [nan].",
-    }.items():
-        assert what in refusal(identify.main, [*arguments, "--fix", *fix], capsys)
-    message = refusal(excite.main, [str(model), "--base", "base", "--joints", "finger1", "finger2"], capsys)
-    assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
+    message = refusal(identify.main, [*arguments, "--fix", "finger1", "open"], capsys)
+    assert "--fix takes a joint and where it stands, got finger1 open." in message
+    for values in ([0.0, 1.0], [np.nan]):
+        message = sentence_of(mechanism, mujoco.MjSpec.from_string(ARM), fix={"lift": values})
+        assert message == f"Joint 'lift' is fixed at 1 coordinates below 1e+08, got {values}."
 
 
 UNNAMED = """<mujoco><worldbody><body><geom size=".1"/><site/>
