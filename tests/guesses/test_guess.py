@@ -106,9 +106,8 @@ def test_poses_of_a_base_are_found_by_their_names(tmp_path):
         assert belief_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
-@pytest.mark.parametrize(
-    ("name", "kind", "unit", "core"),
-    [
+def test_names_say_quantity_unit_and_whose():
+    for name, kind, unit, core in (
         ("Timestamp [ms]", "time", "ms", ()),
         ("Joint 1 angle [deg]", "position", "deg", ("1",)),
         ("left_knee_vel (rad/s)", "velocity", "rad", ("left", "knee")),
@@ -125,23 +124,18 @@ def test_poses_of_a_base_are_found_by_their_names(tmp_path):
         ("jointpos1", "position", "", ("1",)),
         ("x_axis_force", "force", "", ("x",)),
         ("room temperature", "", "", ("room", "temperature")),
-    ],
-)
-def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
-    meaning = words(name)
-    assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
+    ):
+        meaning = words(name)
+        assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
 
 
-@pytest.mark.parametrize(
-    ("columns", "force", "torque"),
-    [
+def test_names_of_components_of_a_wrench():
+    for columns, force, torque in (
         (["Fx", "Fy", "Fz", "Mx", "My", "Mz", "remark"], ["Fx", "Fy", "Fz"], ["Mx", "My", "Mz"]),
         ([*PLATE, "1_ground_force_px", "1_ground_torque_y"], PLATE, ["", "1_ground_torque_y", ""]),
         (["COPx", "Fz2", "Mx2"], ["", "", "Fz2"], ["Mx2", "", ""]),
         (["grf z"], ["", "", "grf z"], ["", "", ""]),
-    ],
-)
-def test_names_of_components_of_a_wrench(columns, force, torque):
-    best = max(wrench_groups(columns).values(), key=len)
-    assert [best.get(("force", axis), "") for axis in "xyz"] == force
-    assert [best.get(("torque", axis), "") for axis in "xyz"] == torque
+    ):
+        best = max(wrench_groups(columns).values(), key=len)
+        assert [best.get(("force", axis), "") for axis in "xyz"] == force
+        assert [best.get(("torque", axis), "") for axis in "xyz"] == torque

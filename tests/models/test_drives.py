@@ -82,9 +82,8 @@ def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
     assert [drive for name, drive in drives.items() if "root" in name] == [Drive(viscous=2, stiffness=3)] * 6
 
 
-@pytest.mark.parametrize(
-    ("transmission", "actuator"),
-    [
+def test_a_transmission_of_one_joint_is_an_actuator_with_its_reduction_as_gear(written):
+    for transmission, actuator in (
         (REDUCTION.format(50), ("m", 50)),
         ('<joint name="elbow"/><actuator name="m"/><mechanicalReduction>-2</mechanicalReduction>', ("m", -2)),
         ('<joint name="elbow"><mechanical_reduction>3.5</mechanical_reduction></joint>', ("t", 3.5)),
@@ -92,11 +91,9 @@ def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
         ('<joint name="elbow"/><joint name="wrist"/>', None),
         ('<joint name="wrist"/>', None),
         ("", None),
-    ],
-)
-def test_a_transmission_of_one_joint_is_an_actuator_with_its_reduction_as_gear(written, transmission, actuator):
-    drives = sim.mechanism(written("r.urdf", URDF.format("", transmission))).drives
-    assert drives == ({"elbow": Drive(actuators=(Actuator(*actuator),))} if actuator else {})
+    ):
+        drives = sim.mechanism(written("r.urdf", URDF.format("", transmission))).drives
+        assert drives == ({"elbow": Drive(actuators=(Actuator(*actuator),))} if actuator else {})
 
 
 def test_a_urdf_file_states_damping_friction_and_reductions_as_numbers(written):

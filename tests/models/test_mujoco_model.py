@@ -47,6 +47,9 @@ SPRING = """<tendon><fixed name="spring" stiffness="2"><joint joint="u" coef="1"
 </tendon>"""
 ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
 NAIL = '<site name="nail" pos="0 0 1"/>'
+PULLEY = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
+NAILS = '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>'
+BELT = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
 FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
 
 
@@ -56,6 +59,7 @@ FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radi
         (model(ARM, after=LOOP), "loop", r"equality \(connect\)"),
         (model(SITES, NAIL, WELD), "grip", r"equality \(weld\)"),
         (model(SITES, NAIL, ROPE), "tendon0", "tendon"),
+        (model(PULLEY, NAILS, BELT), "belt", "tendon"),
     ],
 )
 def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(m, name, kind):
