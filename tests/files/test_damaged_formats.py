@@ -16,6 +16,7 @@ pytestmark = pytest.mark.extras
 EXTRAS = {"parquet": ("pyarrow", "parquet"), "c3d": ("ezc3d", "c3d")}
 EXTRAS |= dict.fromkeys(("bag", "mcap", "db3"), ("rosbags", "ros"))
 KINDS = ("mot", "trc", "mat", "parquet", "csv.gz", "c3d", "bag", "mcap", "db3")
+DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
 MARKERS = {joint: np.stack([Q[:, k], 0 * T, 0 * T], axis=1) for k, joint in enumerate(JOINTS)}
 STATES = {joint: [(x, 0, 0) for x in Q[:, k]] for k, joint in enumerate(JOINTS)}
 
@@ -52,7 +53,7 @@ def refusal(path, mapping=None):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_are_one_sentence(tmp_path, kind):
+def test_damaged_files_are_one_sentence_and_any_file_is_read_or_refused(tmp_path, kind):
     path = tmp_path / f"log.{kind}"
     whole = write(path)
     third, noise = len(whole) // 3, np.random.default_rng(0).integers(256, size=4096, dtype=np.uint8)
@@ -62,15 +63,6 @@ def test_damaged_files_are_one_sentence(tmp_path, kind):
         path.write_bytes(damaged)
         refusal(path)
         assert path.exists()
-
-
-DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_any_file_is_read_or_refused(tmp_path, kind):
-    path = tmp_path / f"log.{kind}"
-    whole = write(path)
 
     @settings(max_examples=20, derandomize=True, deadline=None, database=None)
     @given(damages=DAMAGES)
