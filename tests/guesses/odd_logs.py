@@ -36,9 +36,9 @@ def _parts():
     return r.time, r["joint1_position"], r["joint2_position"], r["ground_force"], r["ground_torque"]
 
 
-def vector(pattern, x):
-    """Columns of a vector (N, 3) by name."""
-    return {pattern.format(axis): column for axis, column in zip("xyz", x.T, strict=True)}
+def vector(pattern, x, components="xyz"):
+    """Columns of a vector (N, d) by name."""
+    return {pattern.format(axis): column for axis, column in zip(components, x.T, strict=True)}
 
 
 def laboratory():

@@ -74,10 +74,6 @@ def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
     assert sum("which no other unit explains" in note for note in belief.notes) == 2
 
 
-def posed(pattern, x, components):
-    return {pattern.format(c): column for c, column in zip(components, x.T, strict=True)}
-
-
 def same_turns(turns):
     own = Rotation.from_matrix(turns) if turns.ndim == 3 else Rotation.from_quat(turns, scalar_first=True)
     return (own * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
@@ -86,19 +82,19 @@ def same_turns(turns):
 def test_ball_joints_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((HIP, KNEE)), np.zeros(3))
     for pattern in ("hip_position.{}", "Hip quat {}", "hip_q{}"):
-        columns = posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
+        columns = vector(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
         belief = belief_of(tmp_path, columns, mechanism)
         log = read_as_guessed(tmp_path, belief, mechanism)
         np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
         assert same_turns(log["hip_position"]) and belief.open == [] and belief.complete
-    belief = belief_of(tmp_path, posed("q{}", TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
+    belief = belief_of(tmp_path, vector("q{}", TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}, mechanism)
     assert belief.open == ["No column looks like the position of 'hip'; --fix hip leaves out what rests."]
 
 
 def test_poses_of_a_base_are_found_by_their_names(tmp_path):
     mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
     for turn, place, factor in (("pelvis_q{}", "pelvis_p{}", 1), ("trunk rot {}", "trunk pos {} [mm]", 1000)):
-        columns = posed(turn, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
+        columns = vector(turn, TURNS, "wxyz") | vector(place, factor * PLACES) | {"knee_angle": PLACES[:, 0]}
         belief = belief_of(tmp_path, columns, mechanism, base="pelvis")
         log = read_as_guessed(tmp_path, belief, mechanism)
         np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)

@@ -35,7 +35,7 @@ def arm(actuators=""):
     return sim.mechanism(mujoco.MjModel.from_xml_string(ARM.format(actuators)))
 
 
-def test_actuators_have_their_gear_and_gains():
+def test_actuators_have_their_gear_and_gains_and_a_free_joint_a_drive_for_each_of_its_freedoms():
     actuators = """
     <motor name="m" class="geared" joint="elbow" forcerange="-2 3"/>
     <position name="p" joint="elbow" kp="10" kv="2" gear="5"/>
@@ -44,7 +44,10 @@ def test_actuators_have_their_gear_and_gains():
     <damper name="d" joint="elbow" kv="1" ctrlrange="0 1"/>
     """
     with pytest.warns(ModelNote, match="The forces of d are no gain times a command"):
-        read = arm(actuators).drives["elbow"].actuators
+        drives = arm(actuators).drives
+    assert tuple(drives) == arm().tree.freedoms
+    assert [drive for name, drive in drives.items() if "root" in name] == [Drive(viscous=2, stiffness=3)] * 6
+    read = drives["elbow"].actuators
     assert read == (
         Actuator("m", gear=50, forcerange=(-2, 3)),
         Actuator("p", gear=5, gain=10, kp=10, kv=2),
@@ -74,12 +77,6 @@ def test_drives_given_in_python_are_checked():
         ({"elbow": Drive(actuators=(Actuator("m", rotor=-1),))}, "needs a rotor inertia of at least 0, got -1."),
     ):
         assert message in sentence_of(replace, arm(), drives=drives)
-
-
-def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
-    drives = arm().drives
-    assert tuple(drives) == arm().tree.freedoms
-    assert [drive for name, drive in drives.items() if "root" in name] == [Drive(viscous=2, stiffness=3)] * 6
 
 
 def test_a_transmission_of_one_joint_is_an_actuator_with_its_reduction_as_gear(written):

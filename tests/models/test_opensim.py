@@ -96,8 +96,11 @@ def test_tables_become_polynomials_and_the_distance_is_stated(written):
     assert arm.ranges["bend"] == (-2.0, 0.1)
 
 
-def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(stated):
-    arm, fixed = (stated(every_kind(2)[0], fix=fix) for fix in (None, {"slip": [], "bend": [0.3]}))
+def test_coordinates_stay_where_they_are_locked_or_fixed_and_go_where_a_constraint_is_ignored(stated):
+    text = every_kind(2)[0]
+    assert "beta_0" in stated(text, ignore=["couple_beta_0"]).tree.joints
+    assert "no enforced constraint named gone; it has couple_beta_0" in sentence_of(stated, text, ignore=["gone"])
+    arm, fixed = (stated(text, fix=fix) for fix in (None, {"slip": [], "bend": [0.3]}))
     assert not {"jaw_0", "beta_0"} & set(arm.tree.joints)
     assert not {"slip", "bend"} & set(fixed.tree.joints)
     q = np.zeros(len(arm.tree.joints))
@@ -189,12 +192,6 @@ def test_a_weld_closes_a_loop(stated, version):
     np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x, -x]), atol=1e-9)
     with pytest.raises(ModelError, match=r"'glue' is between a body of the .* --ignore glue"):
         stated(joined("PointConstraint", "ground"))
-
-
-def test_an_ignored_constraint_lets_its_coordinate_go(stated):
-    assert "beta_0" in stated(every_kind(1)[0], ignore=["couple_beta_0"]).tree.joints
-    with pytest.raises(ModelError, match="no enforced constraint named gone; it has couple_beta_0"):
-        stated(every_kind(1)[0], ignore=["gone"])
 
 
 @pytest.mark.parametrize("version", [3, 4])

@@ -104,14 +104,11 @@ def test_steps_are_found_at_any_size(step, std):
     assert smoothing.quantum(rounded(SMOOTH + std * (NOISY - SMOOTH), step)) == pytest.approx(step, rel=1e-3)
 
 
-def test_steps_survive_other_units_decimals_and_missing_samples():
+def test_steps_survive_other_units_decimals_and_missing_samples_and_a_signal_on_no_lattice_has_none():
     encoder, tenths = 2 * np.pi / 4096, rounded(SMOOTH, 0.1)
     degrees = np.round(np.degrees(rounded(SMOOTH, encoder)), 2)
     assert smoothing.quantum(np.radians(degrees)) == pytest.approx(encoder, rel=0.01)
     assert smoothing.quantum(rounded(SMOOTH, 0.01).astype(np.float32).astype(float)) == pytest.approx(0.01, rel=1e-3)
     assert smoothing.quantum(np.where(np.arange(1000) % 7, tenths, np.nan)) == pytest.approx(0.1)
-
-
-def test_a_signal_on_no_lattice_has_no_steps():
     for x in (SMOOTH, NOISY, NOISY.astype(np.float32).astype(float), np.full(1000, 3.0), np.zeros(0)):
         assert smoothing.quantum(x) < 1e-6
