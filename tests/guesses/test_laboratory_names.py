@@ -136,8 +136,8 @@ def of_sensor(folder, columns):
 
 
 def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payload(tmp_path):
-    columns = with_sensor("FT{}", "MT{}")
-    torques, forces = by_joint(wrist.JOINTS, torque=seven().tau), {k: x for k, x in columns.items() if k[0] != "M"}
+    columns = with_sensor("tool.force.{}", "tool.torque.{}")
+    torques, forces = by_joint(wrist.JOINTS, torque=seven().tau), {k: x for k, x in columns.items() if "tor" not in k}
     for each, words in (
         (columns | torques, "for `payload`"),
         (forces, "a remark without all six components, which `payload` needs"),
@@ -148,19 +148,19 @@ def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payloa
 
 
 def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
-    assert not of_sensor(tmp_path, with_sensor("tool.force.{}", "tool.torque.{}"))[0].is_doubtful
-    _, belief = of_sensor(tmp_path, with_sensor("wrist_f{}", "wrist_m{}"))
+    group, belief = of_sensor(tmp_path, with_sensor("wrist_f{}", "wrist_m{}"))
+    assert group.entries["torque_unit"].value == "N m" and not group.is_doubtful
     sensor = read_as_guessed(tmp_path, belief, ROBOT).sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, wrist.sensors()["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link
     path, model, mapping = (tmp_path / name for name in ("log.csv", "arm.xml", "log.toml"))
-    group, _ = of_sensor(tmp_path, with_sensor("FT{}", "MT{}"))
-    assert group.entries["torque_unit"].value == "N m" and not group.is_doubtful and "position" in group.entries
+    path.write_text(text({"time": wrist.log(seconds=6.0).time} | with_sensor("FT{}", "MT{}")), encoding="utf-8")
     model.write_text(wrist.model())
     assert command.main([str(model), str(path)]) == 0
-    last = capsys.readouterr().out.strip().splitlines()[-1]
-    assert last == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor {group.name}"
-    payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=group.name)
+    *_, last = capsys.readouterr().out.strip().splitlines()
+    payload, name = last.rsplit(" ", 1)
+    assert payload == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor"
+    payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=name)
     assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
 
 

@@ -58,7 +58,7 @@ def test_left_and_right_are_mirror_images():
 
 
 def test_contact_wrenches_sum_up_to_the_base_wrench():
-    motion, (q, dq) = fall(HUMANOID, "pelvis", seconds=1.5), state_columns(HUMANOID, "pelvis")
+    motion, (q, dq) = fall(HUMANOID, "pelvis", seconds=1.0), state_columns(HUMANOID, "pelvis")
     states = motion.qpos[:, q], motion.qvel[:, dq], motion.qacc[:, dq]
     base = BaseMotion.from_free_joint(motion.qpos[:, :7], motion.qvel[:, :6], motion.qacc[:, :6])
     tree, gravity = tree_from_model(HUMANOID, "pelvis"), gravity_in_base(HUMANOID, "pelvis")
