@@ -90,6 +90,13 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
 
 
 @pytest.mark.extras
+def test_common_times_are_those_of_the_fastest_joint(pair):
+    first, second = ({name: x for name, x in ANGLES.items() if name != own} for own in ("joint2", "joint1"))
+    log = read_log(pair(first, {name: x[::2] for name, x in second.items()}), arm())
+    assert log.rate == pytest.approx(100) and log.streams.keys() == {"joint1_position", "joint2_position"}
+
+
+@pytest.mark.extras
 def test_files_that_contradict_each_other_are_one_sentence(pair):
     for more, more_forces, mapping, sentence in (
         ({}, {"time": FORCES["time"] + 1.7e9}, {}, "clock, but they begin on different days"),
