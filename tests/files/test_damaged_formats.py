@@ -119,6 +119,7 @@ def test_bags_that_are_refused(tmp_path):
     needs("bag")
     for name, topics, message in (
         ("none.bag", {}, "a bag needs a topic of sensor_msgs/msg/JointState"),
+        ("few.bag", {"/j": (T[:5], STATES)}, "at least 10 samples"),
         ("apart.bag", {"/j": (T, STATES), "/ground": (T + 100, WRENCH)}, "Streams need a time that all of them cover"),
     ):
         write_bag(tmp_path / name, topics)

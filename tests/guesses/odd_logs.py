@@ -62,6 +62,15 @@ def laboratory():
     return text(columns, ";").replace(".", ","), mapping | {"time": {"column": "Timestamp [ms]", "unit": "ms"}}
 
 
+def headless():
+    """Numbers alone, in degrees."""
+    t, q1, q2, F, M = _parts()
+    columns = {str(k): x for k, x in enumerate((t, DEG * q2, DEG * q1, *F.T, *M.T))}
+    positions = [{"position": {"column": column, "unit": "deg"}} for column in "32"]
+    mapping = true(*positions, {"ground": {"force": ["4", "5", "6"], "torque": ["7", "8", "9"]}})
+    return text(columns).partition("\n")[2], mapping | {"time": "1", "file": {"header": False}}
+
+
 def turned():
     """A preamble; a sensor turned by 90° with readings of the reaction; and a velocity of opposite sign."""
     t, q1, q2, F, M = _parts()
@@ -81,6 +90,21 @@ def backward():
     columns = {"time": t, "Encoder1": q1, "Encoder2": -q2, **vector("base_f{}", F), **vector("base_m{}", M)}
     joints = {"position": "Encoder1"}, {"position": {"column": "Encoder2", "gain": -1}}
     return text(columns), true(*joints, ground("base_f{}", "base_m{}"))
+
+
+def opensim():
+    """OpenSim's names: a centre of pressure and a free moment with some noise, angles in degrees."""
+    t, q1, q2, F, M = _parts()
+    point = np.stack([-M[:, 1] / F[:, 2], M[:, 0] / F[:, 2], 1 + 0 * t], axis=1)
+    free = 1e-3 * np.random.default_rng(2).normal(size=F.shape)
+    free[:, 2] = M[:, 2] - (point[:, 0] * F[:, 1] - point[:, 1] * F[:, 0])
+    names = "/jointset/a/joint1/value", "/jointset/b/joint2/value"
+    columns = {"time": t, names[0]: DEG * q1, names[1]: DEG * q2} | vector("ground_force_v{}", F)
+    columns |= vector("ground_force_p{}", point) | vector("ground_torque_{}", free)
+    joints = [{"position": {"column": name, "unit": "deg"}} for name in names]
+    plate = {"force": "ground_force_v{}", "point": "ground_force_p{}", "free_moment": "ground_torque_{}"}
+    plate = {key: [pattern.format(axis) for axis in "xyz"] for key, pattern in plate.items()}
+    return text(columns, "\t"), true(*joints, {"ground": {"frame": "world", **plate}})
 
 
 def motors():
@@ -109,7 +133,7 @@ def efforts():
     return text(columns), true(*joints) | {"time": "t"}
 
 
-LOGS = (laboratory, turned, backward, motors, efforts)
+LOGS = (laboratory, headless, turned, backward, opensim, motors, efforts)
 
 
 def true(joint1, joint2, wrenches=None):

@@ -105,6 +105,7 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     [
         (("position", "torque"), 1, False),
         (("actual position", "commanded position"), 10, True),
+        (("angle", "x"), 1, False),
         (("q", "u"), 0.4, False),
         (("q", "u"), 0.6, True),
         (("q", "u"), 1.8, True),

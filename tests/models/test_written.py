@@ -29,7 +29,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 SERVOS = """<mujoco><default><joint damping="9" armature="1" stiffness="5"/>
   <default class="stiff"><position kp="7" dampratio="1"/></default>
   <default class="own"><general gainprm="9" biasprm="0 -9 -1"/></default></default>
-  <worldbody><body><joint name="a"/><geom size="1"/><body><joint name="b" axis="0 1 0"/><geom size="1"/></body>
+  <worldbody><body><joint name="a" springdamper="1 1"/><geom size="1"/>
+  <body><joint name="b" axis="0 1 0"/><geom size="1"/></body>
   <body><joint name="c" axis="0 1 0"/><geom size="1"/></body></body></worldbody>
   <actuator><motor name="free" joint="a"/><position name="pa" class="stiff" joint="a"/></actuator>
   <actuator><general name="pb" class="own" joint="b" biastype="affine"/></actuator>

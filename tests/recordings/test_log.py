@@ -189,6 +189,7 @@ MAPPINGS = [
     (MOTOR + "[[1, 2]]", "motors.a.matrix needs a list of 1 numbers"),
     (MOTOR + "3", "motors.a.matrix needs a row for each of 1 motors, got 3"),
     (TWO_MOTORS + 'position = ["q_hip", "q_ankle"]', "[motors.a] needs a matrix that can be inverted"),
+    (MOTOR + '[[1]]\nposition = [""]', "motors.a.position needs 1 columns, none of them may be missing"),
     (HIP + '"q_hip"\n' + MOTOR + '[[1]]\nposition = ["q_hip"]', "joints.hip.position is mapped twice, under [joints]"),
     ("[file]\nskip = -1", "file.skip needs a number of lines, got -1"),
     ("[select]\nrows = [9, 3]", "select.rows needs two numbers, the first before the last; got [9, 3]"),
