@@ -11,7 +11,7 @@ import ident
 from ident import LogError, read_log
 from ident.geometry import se3
 from ident.geometry.se3 import pose
-from ident.recordings.times import Sampled, interpolated_poses
+from ident.recordings.times import Sampled, interpolated_poses, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 R = recording()
@@ -46,6 +46,15 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert len(ident.Recording.from_streams(streams, rate=20).time) == 7
     alone = recording.without_streams
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
+
+
+def test_streams_beside_each_other_have_the_times_of_all():
+    one, two = Sampled(T[:6:2], T[:6:2]), Sampled(T[1:4], slow(T[1:4]))
+    time, values = side_by_side([one, two])
+    np.testing.assert_array_equal(time, T[:5])
+    np.testing.assert_array_equal(values[:, 0], np.where(np.arange(5) % 2, np.nan, T[:5]))
+    np.testing.assert_array_equal(values[:, 1:], np.vstack([[np.nan] * 3, slow(T[1:4]), [np.nan] * 3]))
+    assert side_by_side([one, one]).time is one.time
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
