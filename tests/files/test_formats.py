@@ -125,7 +125,7 @@ def test_damaged_tables_of_markers_are_refused(tmp_path):
         assert expected in sentence_of(read_markers, tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("name", ["log.bag", "folder", "mcap/mcap.mcap"])
+@pytest.mark.parametrize("name", ["log.bag", "folder", "folder/folder.db3", "mcap/mcap.mcap"])
 def test_bags_have_each_topic_at_its_own_times(tmp_path, name):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     late = FAST_TIME + 0.0013

@@ -53,6 +53,12 @@ def test_one_line_is_not_read_whole(tmp_path, monkeypatch, text, end):
     assert most < 3_000_000
 
 
+def test_packed_rows_are_not_unpacked_above_the_limit(tmp_path):
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(b"time,q\n" + 200_000 * b"0.0,0.0\n"))
+    sentence, most = peak(tmp_path / "log.csv.gz", 500_000)
+    assert "MB in memory where at most 0 MB are expected" in sentence and most < 2_000_000
+
+
 @pytest.mark.parametrize("block", [3, 4096])
 def test_columns_are_the_same_however_they_are_read(tmp_path, monkeypatch, block):
     monkeypatch.setattr(csv_file, "BLOCK", block)

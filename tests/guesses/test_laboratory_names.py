@@ -136,7 +136,7 @@ def of_sensor(folder, columns):
     return group, belief
 
 
-def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payload(tmp_path):
+def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payload(tmp_path, capsys):
     columns = with_sensor("tool.force.{}", "tool.torque.{}")
     torques, forces = by_joint(wrist.JOINTS, torque=seven().tau), {k: x for k, x in columns.items() if "tor" not in k}
     for each, words in (
@@ -146,6 +146,9 @@ def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payloa
         group, belief = of_sensor(tmp_path, each)
         assert group.is_doubtful and any(words in note for note in belief.notes)
     assert "position" not in group.entries
+    (tmp_path / "arm.xml").write_text(wrist.model())
+    assert command.main([str(tmp_path / "arm.xml"), str(tmp_path / "log.csv")]) == 0
+    assert "multicontact payload" not in capsys.readouterr().out
 
 
 def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):

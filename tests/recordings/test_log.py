@@ -7,6 +7,7 @@ from malformed_logs import DQ, JOINTS, LEG, PLAIN, WRENCH, N, Q, T, leg, read, r
 from scipy.spatial.transform import Rotation
 
 from ident import LogError, read_log
+from ident.recordings.channels import unmapped
 
 OUCH = {"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}
 
@@ -105,6 +106,11 @@ def test_forces_far_below_the_weight_are_suspected(tmp_path):
     assert read(tmp_path, content, mechanism=leg(60.0)).notes == []
     stated = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "N"\n'
     assert read(tmp_path, content, stated, mechanism=leg(600.0)).notes == []
+
+
+def test_columns_that_are_not_mapped_are_named():
+    assert "it has the columns emg, theta; none is mapped as a wrench" in unmapped(["emg", "theta"])
+    assert "it has no columns;" in unmapped([])
 
 
 @pytest.mark.parametrize("sign", [1, -1])
