@@ -56,7 +56,7 @@ def recorded(joints, fingers=()):
     text = text.replace("<worldbody>", '<worldbody><body name="base">').replace("</worldbody>", "</body></worldbody>")
     spec = mujoco.MjSpec.from_string(text)
     rng, mechanism, n = np.random.default_rng(3), sim.mechanism(spec, base="base"), len(joints)
-    time, *states = wrist.motion(6.0)
+    time, *states = wrist.motion(6.0, 50.0)
     q, dq, ddq = (x[:, :n] for x in states)
     tau = inverse_dynamics(spec.compile(), q, dq, ddq)[0][:, :n]
     resting = [np.pad(x, ((0, 0), (0, len(mechanism.joints) - n))) for x in (q, dq, ddq)]
@@ -146,7 +146,7 @@ def _ros():
         beside = {"field.header.seq": sequence} | names
         yield arm(tool, about, robot, *fields, order=ALPHABETICAL, clock=STAMPS, beside=beside)
     beside = series("field.O_T_EE{}", noise(panda, 16)) | series("field.q_d{}", panda.q + 1e-4)
-    beside |= series("field.dtau_J{}", np.gradient(panda.tau, 0.01, axis=0))
+    beside |= series("field.dtau_J{}", np.gradient(panda.tau, 0.02, axis=0))
     beside |= series("field.tau_ext_hat_filtered{}", noise(panda, 7)) | series("field.O_F_ext_hat_K{}", noise(panda, 6))
     beside |= series("field.theta{}", panda.q + 1e-3 * np.random.default_rng(1).normal(size=panda.q.shape))
     patterns = "field.q{}", "field.dq{}", "field.tau_J{}"

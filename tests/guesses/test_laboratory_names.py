@@ -21,7 +21,7 @@ from experiments.guesses.guess import believed
 from ident import Motion, identify_payload
 from ident.estimation.equations import predicted_channels
 
-TIME = np.arange(1500) / 100
+TIME = np.arange(900) / 100
 JOINTS = ("pan", "lift", "elbow")
 LINK = '<body name="{1}" pos="{2}"><joint name="{0}" axis="{3}"/><inertial mass="2" pos=".12 .02 .05" {4}/>'
 LINKS = zip(JOINTS, ("l1", "l2", "l3"), ("0 0 .1", "0 0 .2", ".3 0 0"), ("0 0 1", "0 1 0", "0 1 0"), strict=True)
@@ -122,8 +122,8 @@ def test_the_only_position_is_that_of_the_only_joint_and_what_follows_it_its_com
 
 def with_sensor(force, torque):
     """Columns of an arm with a sensor at its wrist."""
-    log = wrist.log(seconds=6.0)
-    columns = {f"{joint}_position": log[f"{joint}_position"] for joint in wrist.JOINTS}
+    log = wrist.log(seconds=6.0, rate=50.0)
+    columns = {"time": log.time} | {f"{joint}_position": log[f"{joint}_position"] for joint in wrist.JOINTS}
     return columns | vector(force, log["wrist_force"] + 3) | vector(torque, log["wrist_torque"])
 
 
@@ -158,7 +158,7 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
     np.testing.assert_allclose(sensor.pose, wrist.sensors()["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link
     path, model, mapping = (tmp_path / name for name in ("log.csv", "arm.xml", "log.toml"))
-    path.write_text(text({"time": wrist.log(seconds=6.0).time} | with_sensor("FT{}", "MT{}")), encoding="utf-8")
+    path.write_text(text(with_sensor("FT{}", "MT{}")), encoding="utf-8")
     model.write_text(wrist.model())
     assert command.main([str(model), str(path)]) == 0
     *_, last = capsys.readouterr().out.strip().splitlines()
