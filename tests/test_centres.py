@@ -86,32 +86,26 @@ def test_at_rest_a_displaced_joint_is_a_first_moment_of_the_body_that_carries_it
 
 def test_centres_are_in_the_intervals_though_none_is_found():
     others = dict.fromkeys(PRIORS, 0.0)
-    exact, open_, wide = (stated(1.0, **others | {"centre": std}) for std in (0.0, 0.001, {"joint2": 0.01}))
-    assert not open_.setup and not wide.setup
+    exact, open_ = (stated(1.0, **others | {"centre": std}) for std in (0.0, {"joint2": 0.01}))
+    assert not open_.setup
     np.testing.assert_allclose(open_.psi, exact.psi)
-    grows = np.array([open_.std_setup / exact.std_setup, wide.std_setup / open_.std_setup])
-    assert (grows > 1 - 1e-9).all() and (grows.max(axis=1) > [1.01, 1.5]).all(), grows
+    grows = open_.std_setup / exact.std_setup
+    assert grows.min() > 1 - 1e-9 and grows.max() > 1.5
 
 
-@pytest.mark.parametrize(
-    ("centre", "message"),
-    [
-        (-1, "centre needs a standard deviation, zero or false, got -1."),
-        ("3", "centre needs a standard deviation, zero or false, got '3'."),
-        ({"joint2": -0.01}, r"centre\(joint2\) needs a standard deviation, zero or false, got -0.01."),
-        ({"joint2": 11}, r"centre\(joint2\) needs a standard deviation, zero or false, got 11; the largest is 10."),
-    ],
-)
-def test_what_is_stated_of_centres_is_checked(centre, message):
-    with pytest.raises(ident.InputError, match=rf"^setup\.{message}$"):
-        stated_mapping({"setup": {"centre": centre}}, PENDULUM.tree)
-    with pytest.raises(ident.InputError, match=rf"^setup\.{message}$"):
-        checked_setup({"centre": centre}, PENDULUM.tree.compounds)
-    with pytest.raises(ident.InputError, match=r"no entry 'centre\(elbow\)'; valid .* centre\(joint2\)"):
-        checked_setup({"centre": {"elbow": 0.01}}, PENDULUM.tree.compounds)
+def test_what_is_stated_of_centres_is_checked():
+    largest = r"^setup\.centre\(joint2\) needs a standard deviation, zero or false, got 11; the largest is 10\.$"
+    with pytest.raises(ident.InputError, match=largest):
+        stated_mapping({"setup": {"centre": {"joint2": 11}}}, PENDULUM.tree)
+    for centre, message in (
+        ({"joint2": 11}, largest),
+        ({"elbow": 0.01}, r"no entry 'centre\(elbow\)'; valid .*joint2"),
+    ):
+        with pytest.raises(ident.InputError, match=message):
+            checked_setup({"centre": centre}, PENDULUM.tree.compounds)
 
 
-@pytest.mark.parametrize(("felt", "offsets"), [(("shoulder", "elbow"), False), (("elbow",), True), ((), False)])
+@pytest.mark.parametrize(("felt", "offsets"), [(("shoulder", "elbow"), False), (("elbow",), True)])
 def test_predictions_are_mujocos_in_the_sensors_own_channels(felt, offsets):
     """Of a sensor that is turned and off the base's origin, with five components, and some joint torques."""
     turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
@@ -131,11 +125,9 @@ def test_predictions_are_mujocos_in_the_sensors_own_channels(felt, offsets):
         return recording, Motion(*states), np.hstack([wrench[:, there], torques[:, 2 - len(felt) :]])
 
     recording, (_, other, expected) = recorded(0)[0], recorded(1)
-    given = {"drive": ("rotor", "viscous")} if felt else {}
-    estimate = ident.identify(arm, recording, holdout=0, estimator="weighted", offsets=offsets, **given)
+    options = {"estimator": "weighted", "offsets": offsets, "drive": ("rotor", "viscous")}
+    estimate = ident.identify(arm, recording, holdout=0, **options)
     assert estimate.channels == ("Fx", "Fz", "Mx", "My", "Mz", *felt)
     predicted = estimate.predict(other)
     assert predicted.shape == expected.shape
     np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-6 * abs(expected).max())
-    with pytest.raises(ident.InputError, match="Joint velocities need 2 columns"):
-        estimate.predict(Motion(np.zeros((3, 2)), np.zeros((3, 1)), np.zeros((3, 2))))

@@ -15,12 +15,14 @@ import sim
 from ident.errors import InputError
 from ident.estimate import PAGES
 
-CLIENTS = {
-    "arrays": """
+CLIENT = """
 import numpy as np
 from numpy.typing import NDArray
 
-from ident import InputError, Mechanism, base_wrench_regressor, find_base_parameters, tree_from_mdh, Frame
+import ident
+import multicontact as mc
+import sim
+from ident import Frame, InputError, Mechanism, base_wrench_regressor, find_base_parameters, tree_from_mdh
 
 
 def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[str, ...]:
@@ -34,29 +36,11 @@ def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[
 def rank(arm: Mechanism, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> int:
     Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
     return int(np.linalg.matrix_rank(Y.reshape(-1, Y.shape[2])))
-""",
-    "two recordings": """
-from collections.abc import Iterator
-
-import ident
-import sim
 
 
 def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
     first, second = ident.identify(arm, one), ident.identify(arm, other, estimator="ordinary", holdout=0.0)
     return first.compare(second).p_value
-
-
-def long(arm: ident.Mechanism, pieces: Iterator[ident.Recording], motion: ident.Motion) -> float:
-    return float(ident.least_squares(ident.Equations.of_wrench(arm), pieces).predicted(motion).max())
-
-
-model = sim.tree_from_model("arm.xml")
-""",
-    "one import": """
-import numpy as np
-
-import multicontact as mc
 
 
 def heaviest(arm: mc.Mechanism, log: str) -> tuple[str, float, float]:
@@ -67,14 +51,9 @@ def heaviest(arm: mc.Mechanism, log: str) -> tuple[str, float, float]:
     return estimate.names[int(np.argmax(estimate.psi))], low, float(mc.Estimate.load("arm.npz").interval()[0, 1] + high)
 
 
-def read(arm: mc.Mechanism, columns: dict[str, list[float]]) -> mc.Recording:
-    return mc.read_log(columns, arm)
-
-
 page = mc.report(mc.identify(mc.mechanism(mc.scenes.load("arm")), "run.csv"), "results").read_text()
-release = ".".join((mc.__version__, "post1"))
-""",
-}
+tree, release = sim.tree_from_model("arm.xml"), ".".join((mc.__version__, "post1"))
+"""
 
 MISTAKEN = {
     "import ident\n\nident.idntify\n": '"idntify"',
@@ -109,16 +88,14 @@ def test_libraries_are_imported_when_they_are_needed():
 def test_clients_are_typed(tmp_path, pytestconfig):
     """In strict mode, without the packages' own configuration."""
     known = pytestconfig.cache.mkdir("clients")
-    for name, code in CLIENTS.items():
-        (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")
-    for k, code in enumerate(MISTAKEN):
-        (tmp_path / f"mistaken_{k}.py").write_text(code, encoding="utf-8")
+    for k, code in enumerate([CLIENT, *MISTAKEN]):
+        (tmp_path / f"{'mistaken' if k else 'right'}_{k}.py").write_text(code, encoding="utf-8")
     arguments = ["--strict", "--follow-imports=silent", "--config-file=", f"--cache-dir={known}"]
     command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
     checked = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     *errors, _ = checked.stdout.splitlines()
     assert all(error.startswith("mistaken_") for error in errors), checked.stdout
-    for k, name in enumerate(MISTAKEN.values()):
+    for k, name in enumerate(MISTAKEN.values(), start=1):
         assert any(error.startswith(f"mistaken_{k}.py") and name in error for error in errors), checked.stdout
 
 

@@ -86,7 +86,6 @@ def test_a_load_is_weighed_by_torques_alone(load):
 
 
 def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_shows_open(load, arm):
-    """Torques show one moment of inertia of what is on the first link, whose axis is vertical."""
     columns, size = columns_of(load, arm.bodies[1]), np.repeat([arm.mass, 1.0], [1, 9])
     joint = joint_fit(load.without.trajectory, load.estimate.trajectory, columns, size, np.zeros(10))
     hidden = ~columns.any(axis=0)
@@ -118,10 +117,10 @@ def test_a_load_whose_mass_alone_is_known_is_usable_for_that(load, monkeypatch):
         assert ("Use its mass alone, 1.99" in own.verdict().brief) is (unknown == 3)
 
 
-@pytest.mark.parametrize(("stated", "doubted"), [(MASS, False), (10 * MASS, True), (0.1 * MASS, True)])
-def test_a_stated_mass_is_doubted_where_the_torques_contradict_it(load, stated, doubted):
-    own = replace(load, weighed=(stated, 1e-4 * stated), unweighed=load.joint)
-    assert ("load_weighs_another" in codes(own, doubt=True)) is doubted
+def test_a_stated_mass_is_doubted_where_the_torques_contradict_it(load):
+    for stated, doubted in ((MASS, False), (10 * MASS, True), (0.1 * MASS, True)):
+        own = replace(load, weighed=(stated, 1e-4 * stated), unweighed=load.joint)
+        assert ("load_weighs_another" in codes(own, doubt=True)) is doubted
 
 
 def test_what_a_load_does_not_explain_widens_its_intervals(load):
@@ -181,12 +180,10 @@ def test_what_equal_motions_repeat_in_both_recordings_does_not_move_a_load():
 
 def test_a_load_may_explain_all_that_recordings_share():
     """One hinge without friction shows three parameters, and a load on its link changes all of them."""
-    arm, time, rng = hinged(("link", 2, 0.04, 0, -0.25)), np.arange(0, 6, 0.01), np.random.default_rng(0)
+    arm, time, rng = hinged(("link", 2, 0.04, 0, -0.25)), np.arange(0, 4, 0.01), np.random.default_rng(0)
     q, _, ddq = sines(time, np.array([[0.8, 0.4]]), 2 * np.pi * np.array([[0.5, 1.3]]), 0.0)
-    logs = [
-        recorded(arm, rng, time, q, inertia * ddq + 9.81 * first * np.sin(q))
-        for first, inertia in ((0.5, 0.165), (1.0, 0.415))
-    ]
+    torques = 0.165 * ddq + 9.81 * 0.5 * np.sin(q), 0.415 * ddq + 9.81 * np.sin(q)
+    logs = [recorded(arm, rng, time, q, torque) for torque in torques]
     load = identify_load(arm, *logs, body="link")
     assert load.differing[1] == 0
     assert load.joint.fit.theta[3] == pytest.approx(-0.5, abs=0.01)
@@ -200,10 +197,8 @@ def test_a_box_in_a_hand_is_weighed_by_a_plate(monkeypatch):
     box = np.zeros((len(person.bodies), 10))
     box[person.bodies.index("hand")] = parameters_from_com(6.0, [0.15, 0, -0.08], 0.06 * np.eye(3))
     carrying = replace(person, prior=person.known + box.ravel())
-    logs = [
-        lifting.recorded(who, low, 0.4, seed, seconds=4.0)
-        for seed, (who, low) in enumerate(((person, lifting.STOOP), (carrying, lifting.SQUAT)))
-    ]
+    empty = lifting.recorded(person, lifting.STOOP, 0.4, 0, seconds=4.0)
+    logs = empty, lifting.recorded(carrying, lifting.SQUAT, 0.4, 1, seconds=4.0)
     load = identify_load(lifting.table(), *logs, body="hand")
     body, planar = load.in_frame(), [0, 1, 3]
     assert load.estimate.trajectory.known and load.without.trajectory.known
@@ -239,20 +234,16 @@ def test_the_command_weighs_a_load(files, arm, load, logs, capsys, monkeypatch):
     assert abs(written["frames"]["tool"]["values"][0] - MASS) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
+def test_bad_input_is_one_sentence(arm, logs):
+    for given, message in (
         ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
         ({"mass": -1.0}, "mass needs a number above 0"),
         ({"mass_std": 0.1}, "mass_std is the standard deviation of mass, which is not given; got 0.1"),
         ({"loaded": []}, "A load needs recordings without it and with it"),
-    ],
-)
-def test_bad_input_is_one_sentence(arm, logs, given, message):
-    with pytest.raises(InputError, match=message):
-        identify_load(arm, logs[0], **{"loaded": logs[1], "body": "tool", **given})
-    with pytest.raises(InputError, match="one of them is given twice"):
-        identify_load(arm, logs[0], logs[0], body="tool")
+        ({"loaded": logs[0]}, "one of them is given twice"),
+    ):
+        with pytest.raises(InputError, match=message):
+            identify_load(arm, logs[0], **{"loaded": logs[1], "body": "tool", **given})
 
 
 def test_what_is_wrong_with_recordings_of_one_kind_names_the_kind(arm, logs):
@@ -263,7 +254,6 @@ def test_what_is_wrong_with_recordings_of_one_kind_names_the_kind(arm, logs):
     for without, loaded, message in (
         (first, replace(last, measured=joints), "A recording with the load has neither a wrench nor a joint torque"),
         (short, last, f"Recordings without the load: {few}"),
-        (first, short, f"Recordings with the load: {few}"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             identify_load(arm, without, loaded, body="tool")
@@ -286,10 +276,9 @@ def test_a_columns_file_states_the_body_with_the_load(files, arm, logs, monkeypa
         read_log(folder / "full.npz", arm, {"load": {"body": "nose"}})
 
     monkeypatch.setattr("ident.payload.load.identified", lambda ready, **_: shared.append(len(ready)) or 1 / 0)
+    another = replace(logs[0], measured={name: 1.01 * x for name, x in logs[0].measured.items()})
     with pytest.raises(ZeroDivisionError):
-        identify_load(
-            arm, [logs[0], full, replace(logs[0], measured={k: 1.01 * x for k, x in logs[0].measured.items()})]
-        )
+        identify_load(arm, [logs[0], full, another])
     monkeypatch.setattr("ident.payload.load.identify_load", lambda *_, body, **__: shared.append(body) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         payload.main([*arguments, "--columns", str(folder / "columns.toml")])

@@ -79,7 +79,6 @@ def test_rotors_and_friction_of_coupled_motors_are_identified():
     # The residual is the noise of the motors, as the joints have it.
     noise = NOISE * np.sqrt((MATRIX**2).sum(axis=0))
     assert estimate.trajectory.fit.channel_noise[1:] == pytest.approx(noise, rel=0.05)
-    assert [estimate[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
 
 
 @pytest.mark.slow
@@ -158,6 +157,8 @@ def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
 
 def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
     robot = sim.mechanism(loaded_arm())
+    with pytest.raises(LogError, match=r"\[known.load\] needs the name of a body, one of base, column, .*payload"):
+        ident.read_log(loaded_columns(), robot, loaded_mapping(load={"mass": 0}))
     log = ident.read_log(loaded_columns(), robot, loaded_mapping(payload=EXACT, tool={"center": False}))
     assert log.known == {"mass": 0.3, "center": 0.02}
     assert log.known_bodies == {"payload": EXACT, "tool": {"center": 0.0}}
@@ -166,15 +167,3 @@ def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
     ready = prepared(replace(robot, prior_known={"tool": {"mass": 0.1}, "fore": {"mass": 0.2}}), log)
     both = {"tool": {"mass": 0.1, "center": 0.0}, "fore": {"mass": 0.2}, "payload": EXACT}
     assert ready.mechanism.prior_known == ready.equations.mechanism.prior_known == both
-
-
-@pytest.mark.parametrize(
-    ("known", "message"),
-    [
-        ({"load": {"mass": 0}}, r"\[known.load\] needs the name of a body, one of base, column, .*payload"),
-        ({"payload": 0}, r"\[known\] has no entry 'payload'; valid are mass, center, inertia"),
-    ],
-)
-def test_bad_deviations_of_bodies_are_one_sentence(known, message):
-    with pytest.raises(LogError, match=message):
-        ident.read_log(loaded_columns(), sim.mechanism(loaded_arm()), loaded_mapping(**known))

@@ -233,78 +233,65 @@ QUATERNION = {"position": ["x", "y", "z"], "unit": "mm", "quaternion": ["qw", "q
 
 
 def columns():
-    """Columns of a log with poses in millimetres and degrees, some of them missing."""
+    """A recording, and columns of a log of it with poses in millimetres and degrees."""
     recording, *_ = recorded(seconds=1.0)
-    turned = Rotation.from_quat(recording["flange_orientation"], scalar_first=True)
-    out = {"time": recording.time} | {name: x for name, x in recording.measured.items() if not name.startswith("fl")}
-    out |= dict(zip("xyz", 1e3 * recording["flange_position"].T, strict=True))
-    out |= dict(zip(("rx", "ry", "rz"), np.degrees(turned.as_rotvec()).T, strict=True))
-    out |= dict(zip(("qw", "qx", "qy", "qz"), turned.as_quat(scalar_first=True).T, strict=True))
-    return recording, out
+    quaternion, position = recording["flange_orientation"], 1e3 * recording["flange_position"]
+    turns = np.degrees(Rotation.from_quat(quaternion, scalar_first=True).as_rotvec())
+    poses = zip(
+        ["x", "y", "z", *POSE["rotation_vector"], *QUATERNION["quaternion"]],
+        np.hstack([position, turns, quaternion]).T,
+        strict=True,
+    )
+    return recording, {"time": recording.time, **recording.measured, **dict(poses)}
 
 
-@pytest.mark.parametrize("entry", [POSE, QUATERNION])
-def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
+def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing():
     recording, cells = columns()
     cells["y"] = np.where(np.arange(100) < 10, np.nan, cells["y"])
     place = {"position": [0.1, 0, 0], "rpy_deg": [0, 0, 90]}
-    stated = {"tracked": {"flange": {"body": "b4", "markers": place, **entry}}}
-    read = ident.read_log(cells, mechanism(), stated)
-    assert len(read.time) == 100 and read.trackers["flange"].frame is None
-    np.testing.assert_allclose(read.trackers["flange"].markers[:3, :2], [[0, -1], [1, 0], [0, 0]], atol=1e-12)
-    position = read.as_measured("flange_position").values
-    assert np.isnan(position[:10, 1]).all()
-    np.testing.assert_allclose(position[10:], recording["flange_position"][10:], rtol=1e-12)
-    own, true = (Rotation.from_quat(x["flange_orientation"], scalar_first=True) for x in (read, recording))
-    assert (own.inv() * true).magnitude().max() < 1e-12
+    for entry in (POSE, QUATERNION):
+        stated = {"tracked": {"flange": {"body": "b4", "markers": place, **entry}}}
+        read = ident.read_log(cells, mechanism(), stated)
+        assert len(read.time) == 100 and read.trackers["flange"].frame is None
+        np.testing.assert_allclose(read.trackers["flange"].markers[:3, :2], [[0, -1], [1, 0], [0, 0]], atol=1e-12)
+        position = read.as_measured("flange_position").values
+        np.testing.assert_allclose(position[10:], recording["flange_position"][10:], rtol=1e-12)
+        own, true = (Rotation.from_quat(x["flange_orientation"], scalar_first=True) for x in (read, recording))
+        assert np.isnan(position[:10, 1]).all() and (own.inv() * true).magnitude().max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"body": 3, **POSE}, "tracked.flange.body needs"),
+def test_what_is_wrong_in_an_entry_is_one_sentence():
+    given = columns()[1] | {"more": np.full(100, 2.0), "none": np.full(100, np.nan)}
+    for entry, message in (
         ({**POSE, "position": ["x", "y"]}, "tracked.flange.position needs a list of 3 columns, got ['x', 'y']."),
-        ({"position": ["x", "y", "z"]}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**POSE, **QUATERNION}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
         ({**QUATERNION, "quaternion": ["more", "qx", "qy", "qz"]}, "tracked.flange.orientation needs a norm of 1"),
         ({**POSE, "rotation_vector": ["rx", "none", "rz"]}, "column 'none' is empty, but tracked.flange.orientation"),
         ({**POSE, "world": {}}, "[tracked.flange] has no entry 'world'; valid are body, position,"),
-    ],
-)
-def test_what_is_wrong_in_an_entry_is_one_sentence(entry, message):
-    given, stated = (
-        columns()[1] | {"more": np.full(100, 2.0), "none": np.full(100, np.nan)},
-        {"tracked": {"flange": {"body": "b4", **entry}}},
-    )
-    assert message in sentence_of(ident.read_log, given, mechanism(), stated)
+    ):
+        stated = {"tracked": {"flange": {"body": "b4", **entry}}}
+        assert message in sentence_of(ident.read_log, given, mechanism(), stated)
 
 
 def test_recordings_in_python_are_checked_too():
     recording, *_ = recorded(seconds=1.0)
-    quaternion = recording["flange_orientation"]
     for given, message in (
         ({"trackers": {"flange": Tracker("world")}}, "The tracker 'flange' needs a body that joints move, one of b0,"),
         ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
-        ({"measured": {**recording.measured, "flange_orientation": 2 * quaternion}}, "'flange_orientation' needs"),
     ):
         assert message in sentence_of(identified, replace(recording, **given))
     least = "The tracked body 'flange' needs at least 10 poses, samples that have both flange_position and "
     least += "flange_orientation, and different ones where joints move 'b4'; got {}."
-    number, own = np.arange(len(quaternion)), {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
-    for first, last, got in (
-        (number == 40, number == 40, 1),
-        (number < 9, number >= 0, 9),
-        (number % 2 == 0, number % 2 == 1, 0),
-        (number >= 0, number < 0, 0),
-    ):
+    own = {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
+    number = np.arange(len(recording.time))
+    for first, last, got in ((number < 9, number >= 0, 9), (number % 2 == 0, number % 2 == 1, 0)):
         kept = zip(own.items(), (first, last), strict=True)
         parts = {f"flange_{x}": Sampled(recording.time, np.where(k[:, None], y, np.nan)) for (x, y), k in kept}
         assert sentence_of(identified, replace(recording, streams=parts)) == least.format(got)
     still = {f"flange_{x}": np.tile(y[0], (len(y), 1)) for x, y in own.items()}
-    message = sentence_of(identified, replace(recording, measured={**recording.measured, **still}))
-    assert message == least.format(1)
-    joints, rests = mechanism().tree.joints, replace(recording, measured={**recording.measured, **still})
-    check_tracked(mechanism(), rests, joints)
+    rests = replace(recording, measured={**recording.measured, **still})
+    assert sentence_of(identified, rests) == least.format(1)
+    check_tracked(mechanism(), rests, mechanism().tree.joints)
     forth = still["flange_position"] + np.outer(number, [1e-3, 0, 0])
     check_tracked(mechanism(), replace(rests, measured={**rests.measured, "flange_position": forth}), ())
     with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):

@@ -15,7 +15,6 @@ from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, recorded
 from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
-from ident.estimators.trajectory import _known_enough
 from ident.problem import problem_of
 from ident.setup import PRIORS
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
@@ -33,15 +32,6 @@ def test_angles_without_any_noise_are_refused_in_one_sentence():
         ident.identify(PENDULUM, angles_and_wrench(t, states[0], wrench), known=False)
 
 
-def test_equations_that_are_singular_are_solved_with_what_is_known():
-    def estimate(known=None, fallback=None):
-        if known is None:
-            raise np.linalg.LinAlgError("The matrix is not positive definite.")
-        return known
-
-    assert _known_enough(estimate, None, {"mass": 0.2}) == {"mass": 0.2}
-
-
 @pytest.mark.slow
 def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
     estimate = ident.identify(PENDULUM, shortened(RECORDING, 49))
@@ -50,9 +40,8 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
 
 def test_a_recording_that_is_too_short_is_called_that():
     few = r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"
-    for samples, message in ((15, few), (5, "needs more than 9 samples, got 5")):
-        with pytest.raises(ident.InputError, match=message):
-            ident.identify(PENDULUM, shortened(RECORDING, samples))
+    with pytest.raises(ident.InputError, match=few):
+        ident.identify(PENDULUM, shortened(RECORDING, 15))
 
 
 PERSON = mistaken(humanoid(), np.random.default_rng(1))
@@ -74,7 +63,7 @@ def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
 def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():
     """Of the first joint alone, its drive and the inertia about it are unknown; the rest is as if it was welded."""
     rng = np.random.default_rng(0)
-    t, q, dq, ddq = driven_arm.motion(rng)
+    t, q, dq, ddq = driven_arm.motion(rng, 8.0, 50.0)
     q[:, 0], dq[:, 0], ddq[:, 0] = 0.3, 0, 0
     torque = driven_arm.torques(q, dq, ddq, **driven_arm.NONE) + 0.02 * rng.normal(size=q.shape)
     q[:, 1:] += 1e-4 * rng.normal(size=(len(t), 2))
@@ -110,10 +99,8 @@ def test_recordings_that_are_judged_follow_one_another_but_for_their_ends_howeve
 @pytest.mark.slow
 def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
     start, end = gap = 4.0, 7.4
-    person, recording = (
-        swinging.pendulum(),
-        ident.Recording.from_streams(swinging.streams(np.random.default_rng(2), gap=gap)),
-    )
+    person, streams = swinging.pendulum(), swinging.streams(np.random.default_rng(2), gap=gap)
+    recording = ident.Recording.from_streams(streams)
     log, filtered = prepared(person, recording), prepared(person, recording, cutoff=6.0)
     held = ident.identify(person, recording).held_out
     settles = filtered.edge / recording.rate - 0.02

@@ -72,11 +72,6 @@ def test_leading_dimensions_are_batches():
     np.testing.assert_array_equal(inertia.pseudo_inertia(phi), [inertia.pseudo_inertia(own) for own in phi])
 
 
-def test_names_are_those_of_the_papers_tables():
-    own = "m1 m1rx1 m1ry1 m1rz1 Ixx1 Iyy1 Izz1 Ixy1 Ixz1 Iyz1"
-    assert inertia.parameter_names(2) == tuple(f"{own} {own.replace('1', '2')}".split())
-
-
 def test_pseudo_inertia_is_the_second_moment_of_point_masses(rng):
     m, x = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3))
     points, com = np.column_stack([x, np.ones(7)]), m @ x / m.sum()

@@ -18,7 +18,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording
 
 ARM = driven_arm.mechanism(**driven_arm.NONE)
-MOUNTS = [(0, 0, 0), (180, 0, 0), (90, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0), (0, 45, 0), (-35, 30, 0)]
+MOUNTS = [(0, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 45, 0), (-35, 30, 0)]
 
 
 def with_other_bodies(rng):
@@ -53,9 +53,8 @@ def test_the_direction_is_that_of_the_base_from_torques_and_from_a_wrench(rpy):
         assert np.degrees(angle) < 6
 
 
-@pytest.mark.parametrize("rpy", [(0, 0, 0), (-90, 0, 0), (180, 0, 0)])
+@pytest.mark.parametrize("rpy", [(0, 0, 0), (-90, 0, 0)])
 def test_the_direction_is_found_in_the_axes_of_a_moving_base(rpy):
-    """Poses of a laboratory with y or -z up."""
     (t, motion, *_), rng, true = recorded(), np.random.default_rng(3), ARM.mounted(rpy)
     q = np.hstack([0.1 * np.sin(np.outer(t, [1.0, 1.3, 1.7])), np.tile([1.0, 0, 0, 0], (len(t), 1))])
     turns = Rotation.from_euler("xyz", 0.6 * np.sin(np.outer(t, [0.9, 1.4, 0.7])))
@@ -71,14 +70,10 @@ def test_the_direction_is_found_in_the_axes_of_a_moving_base(rpy):
 def test_what_only_looks_like_it_is_none():
     _, motion, torques, wrench = recorded()
     model, base = with_other_bodies(np.random.default_rng(2)), list(COMPONENTS)
+    opposite, tared = ({name: of(x) for name, x in wrench.items()} for of in (np.negative, lambda x: x - x[0]))
     turned = {name: wrench[base[(k + 1) % 3 + 3 * (k // 3)]] for k, name in enumerate(base)}
-    for measured in (
-        {name: -x for name, x in wrench.items()},
-        turned,
-        {name: x - x[0] for name, x in wrench.items()},
-        torques | {"lift": -torques["lift"]},
-        {name: 1e3 * x for name, x in torques.items()},
-    ):
+    one_opposite, in_mm = torques | {"lift": -torques["lift"]}, {name: 1e3 * x for name, x in torques.items()}
+    for measured in (opposite, tared, turned, one_opposite, in_mm):
         assert not gravity_check(model, motion, measured).suspicious
     assert gravity_check(replace(model, gravity=np.zeros(3)), motion, torques) is None
     assert gravity_check(model, motion, {}) is None
@@ -111,9 +106,6 @@ def test_the_orientation_is_stated_once(tmp_path):
         (prepared, ARM.mounted((0, 90, 0)), recording, "twice"),
         (prepared, ARM, replace(recording, base=poses), "twice"),
         (ident.identify, ARM, [recording, other], "same direction of gravity"),
-        *(
-            (ident.read_log, log, ARM, {"base": {"rpy_deg": rpy}}, "roll, pitch and yaw in degrees")
-            for rpy in ([180, 0], [180, 0, "up"], "down", [0, 0, np.inf])
-        ),
+        (ident.read_log, log, ARM, {"base": {"rpy_deg": [180, 0, "up"]}}, "roll, pitch and yaw in degrees"),
     ):
         assert message in sentence_of(call, *given)

@@ -48,8 +48,8 @@ def test_ranks_of_axes_that_are_not_parallel():
     assert [find_base_parameters(tree, sensors=sensors).rank for sensors in (BASE_WRENCH, TORQUES)] == [15, 10]
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 12])
-def test_rank_of_a_floating_chain_of_revolute_joints(n):
+def test_rank_of_a_floating_chain_of_revolute_joints():
+    n = 12
     tree = random_tree(np.random.default_rng(n), n, kinds=("revolute",))
     assert find_base_parameters(tree, sensors=Sensors(moving_base=True)).rank == 10 + 7 * (n - 1)
 
