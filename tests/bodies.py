@@ -3,9 +3,8 @@
 import numpy as np
 from mechanisms import GRAVITY, SCREWS, random_phi, random_states, random_tree
 
+from ident import base_wrench_regressor, find_base_parameters
 from ident.geometry.inertia import pseudo_inertia
-from ident.model.regressor import base_wrench_regressor
-from ident.parameters.base_parameters import find_base_parameters
 
 
 def bodies(phi):

@@ -8,9 +8,8 @@ from pathlib import Path
 import scenes
 from experiments import identify
 from ident.recordings.wrench import Sensor
-from sim.models.model_mechanism import mechanism
+from sim import mechanism, simulate
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate
 
 PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
 

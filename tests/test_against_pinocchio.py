@@ -6,9 +6,8 @@ from mechanisms import random_states, random_tree
 
 import sim
 from docs.tools.mechanisms import Pinocchio
+from ident import BaseMotion, base_wrench_regressor, joint_torque_regressor
 from ident.geometry.inertia import PINOCCHIO, parameter_transform
-from ident.mechanism.motion import BaseMotion
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
 

@@ -13,11 +13,10 @@ from slow_pendulum import TIME, motion
 
 import ident
 import sim
+from ident import Motion, Sensor
 from ident.identification import checked_setup
-from ident.mechanism.motion import Motion
 from ident.recordings.mapping import stated_mapping
 from ident.recordings.recording import STATES
-from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS
 
 NOISE = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])

@@ -14,8 +14,7 @@ from written_formats import write_csv
 import ident
 import sim
 from experiments.reports.identify_report import parameters_table, scales_table
-from ident.errors import InputError, LogError
-from ident.mechanism.motion import Motion
+from ident import InputError, LogError, Motion
 from ident.recordings.followers import with_servos
 from ident.recordings.stated import Servo
 from ident.setup import PRIORS

@@ -15,13 +15,10 @@ from mechanisms import (
 
 import scenes
 from experiments.data import paper
+from ident import Mechanism, Motion, Wrench, find_base_parameters, total_wrench
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
 from ident.model import dim
-from ident.parameters.base_parameters import find_base_parameters
-from ident.recordings.wrench import Wrench, total_wrench
 from sim.models.model_mechanism import mechanism
 
 RNG = np.random.default_rng(0)

@@ -14,13 +14,10 @@ import ident
 import scenes
 import sim
 from experiments import identify, stream
+from ident import Body, Mechanism, Recording, base_wrench_regressor
 from ident.geometry.inertia import parameters_from_com
-from ident.mechanism.body import Body
 from ident.mechanism.drives import Actuator, Drive
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import BASE, Tree
-from ident.model.regressor import base_wrench_regressor
-from ident.recordings.recording import Recording
 from ident.setup import PRIORS
 from sim.motion.excitation import DOUBLE_PENDULUM
 

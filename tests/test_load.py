@@ -15,17 +15,12 @@ from scipy import special
 import scenes
 from docs.tools.noise_recordings import sinusoids
 from experiments import payload
-from ident.errors import InputError
+from ident import InputError, Recording, identify, joint_torque_regressor, read_log
 from ident.geometry.inertia import parameters_from_com
-from ident.identification import identify
-from ident.model.regressor import joint_torque_regressor
 from ident.payload.load import differing, identify_load, joint_fit
-from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from ident.setup import PRIORS
 from ident.tolerances import INTERVAL
-from sim.models.model_mechanism import mechanism
-from sim.simulation.simulate import simulate
+from sim import mechanism, simulate
 
 MODEL = Path(scenes.__file__).parent / "arm.xml"
 MASS, CENTRE, RADIUS = 2.0, np.array([0.06, 0.12, 0.0]), 0.05

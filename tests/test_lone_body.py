@@ -16,10 +16,8 @@ from written_formats import write_csv
 
 import ident
 from experiments import payload as command
-from ident.mechanism.mechanism import Mechanism
-from ident.parameters.consistency import consistent_parameters
+from ident import Mechanism, consistent_parameters, read_log
 from ident.payload import GUESSED
-from ident.recordings.log import read_log
 
 MASS, CENTRE, INERTIA = 0.8, np.array([0.02, -0.03, 0.12]), np.diag([6e-3, 5e-3, 2e-3])
 TRUTH = np.array([MASS, *CENTRE, 6e-3, 5e-3, 2e-3, 0, 0, 0])

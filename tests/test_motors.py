@@ -15,10 +15,9 @@ import ident
 import scenes
 import sim
 from experiments.reports.identify_report import _left_out_of, _write_updated
-from ident.errors import LogError
+from ident import LogError, Recording
 from ident.estimation.preparation import prepared
 from ident.mechanism.drives import Drive
-from ident.recordings.recording import Recording
 
 MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])  # Angles of two motors over those of the joints lift and bend.
 GEARS, MOTORS = np.array([30.0, 30.0]), ("wrist 1", "wrist 2")

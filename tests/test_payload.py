@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
+from ident import Sensor, identify_payload
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.payload import described
-from ident.payload.beyond_sensor import identify_payload
-from ident.recordings.wrench import Sensor
 
 pytestmark = pytest.mark.slow
 

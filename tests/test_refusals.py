@@ -16,7 +16,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import multicontact as mc
 from experiments.cli import options
-from ident import BaseMotion, Body, Frame, Mechanism, Motion, Recording, Sensors, Tree, Wrench
+from ident import BaseMotion, Body, Frame, Mechanism, Motion, Recording, Sensors, Tree, Wrench, total_wrench
 from ident.estimation.samples import in_order
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters
@@ -28,7 +28,6 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.person_prior import Person
 from ident.parameters.prior import body_covariance, known_covariances
 from ident.recordings.smoothing import chosen_cutoff, differences, low_pass
-from ident.recordings.wrench import total_wrench
 from ident.trajectory.algebra.banded import WINDOW, Banded
 from multicontact.__main__ import main
 from sim import mechanism, simulate

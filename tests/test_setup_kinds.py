@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.estimation.equations import Equations
+from ident import Body, Equations, Mechanism, Tree
 from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
 from ident.judgement.finding import Place, place_of, sentence, setup_findings
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.recordings.mapping import DEVIATIONS
 from ident.recordings.stated import Tracker
 from ident.setup import SETUP

@@ -14,11 +14,10 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from ident.estimation.equations import Equations
+from ident import Equations, Motion
 from ident.estimation.measurement import Measurement
 from ident.estimation.recorded_motion import aligned, check_tracked, measured_poses
 from ident.geometry.se3 import inverse, pose
-from ident.mechanism.motion import Motion
 from ident.recordings.stated import Tracker
 from ident.recordings.times import Sampled
 

@@ -8,11 +8,10 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, sines
 from scipy import signal
 
+from ident import Motion, base_wrench_regressor
 from ident.estimation.equations import COMPONENTS
 from ident.judgement import checks, model_fit, residuals
 from ident.judgement.residuals import idle_channels, still_channels
-from ident.mechanism.motion import Motion
-from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
 
 RNG = np.random.default_rng(0)

@@ -10,12 +10,10 @@ from mechanisms import by_joint
 from scipy.spatial.transform import Rotation
 
 import ident
+from ident import BaseMotion, Motion, Recording, base_wrench_regressor, joint_torque_regressor
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import prepared
 from ident.judgement.model_fit import gravity_check
-from ident.mechanism.motion import BaseMotion, Motion
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.recordings.recording import Recording
 
 ARM = driven_arm.mechanism(**driven_arm.NONE)
 MOUNTS = [(0, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 45, 0), (-35, 30, 0)]

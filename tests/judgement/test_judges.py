@@ -12,8 +12,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, estimate
 import ident
 import scenes
 import sim
-from ident.estimation.equations import Equations
-from ident.estimation.samples import Samples
+from ident import Equations, Motion, Samples, Sensor
 from ident.judgement import mass_findings, payload_findings
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
@@ -21,9 +20,7 @@ from ident.judgement.fit_findings import course_findings, halves_findings, prior
 from ident.judgement.recording_findings import contact_findings, setup_remarks
 from ident.judgement.residuals import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
-from ident.mechanism.motion import Motion
 from ident.parameters.prior import KNOWN, known_covariance
-from ident.recordings.wrench import Sensor
 
 
 def of_checks(**checks):

@@ -5,11 +5,8 @@ import pytest
 from closeness import close
 from mechanisms import random_states, random_tree
 
+from ident import BaseMotion, Equations, Mechanism, Motion, Samples
 from ident.estimation.accumulator import accumulate
-from ident.estimation.equations import Equations
-from ident.estimation.samples import Samples
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import compiled, regressor, tape
 from ident.model.compiled import BLOCK, OTHERS
 from ident.model.tape import Program, Tape

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 from measurements import random_inputs, random_measurement
 
+from ident import Motion, Samples
 from ident.estimation.equations import SLIP, drives_of
-from ident.estimation.samples import Samples
-from ident.mechanism.motion import Motion
 from ident.tolerances import DRIVE, STRIBECK
 
 

@@ -5,11 +5,10 @@ import pytest
 from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist, unhat
 from scipy.linalg import expm
 
+from ident import Mechanism, Motion
 from ident.geometry import se3
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
 from ident.model import dim
 
 

@@ -7,10 +7,8 @@ import pytest
 from closeness import close
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
 
-from ident.errors import InputError
+from ident import BaseMotion, InputError, Mechanism, Motion
 from ident.geometry.se3 import pose
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import dim, regressor
 from ident.model.regressor import CHUNK, base_wrench_regressor, inverse_dynamics, joint_torque_regressor, pulled_back
 

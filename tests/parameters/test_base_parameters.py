@@ -11,12 +11,9 @@ from random_models import random_model
 from scipy import linalg
 
 from experiments.data import paper
-from ident.errors import InputError
+from ident import InputError, Tree, base_wrench_regressor, find_base_parameters
 from ident.geometry.inertia import parameter_names
-from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor
 from ident.parameters import independent_columns
-from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.independent_columns import DEPENDENT
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model

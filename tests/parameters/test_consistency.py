@@ -8,6 +8,7 @@ from bodies import bodies, forms, measured, regrouping, unphysical, weighed
 from mechanisms import GRAVITY, random_phi, random_tree
 from scipy.optimize import minimize
 
+from ident import BaseParameters, Body, Mechanism, Sensors, find_base_parameters
 from ident.display.brief import QUANTITIES
 from ident.geometry.inertia import (
     PARAMETERS,
@@ -17,13 +18,9 @@ from ident.geometry.inertia import (
     pseudo_inertia,
     with_centers,
 )
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import BASE, Tree
-from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.consistency import consistent_parameters, physical_prior
 from ident.parameters.prior import guessed
-from ident.parameters.structure import Sensors
 from ident.payload import GUESSED
 
 

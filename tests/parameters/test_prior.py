@@ -9,12 +9,10 @@ from scipy.linalg import block_diag
 
 import scenes
 import sim
-from ident.errors import InputError
+from ident import InputError, Mechanism, Tree
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameter_transform, parameters_from_com
 from ident.mechanism.body import BASE, Body, Follower
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.parameters.person_prior import SEXES, TABLES, Person, Placed, segments, with_person
 from ident.parameters.prior import (

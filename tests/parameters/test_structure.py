@@ -16,12 +16,8 @@ from mechanisms import (
     tilted_axis,
 )
 
+from ident import BaseMotion, Sensors, Tree, base_wrench_regressor, find_base_parameters, joint_torque_regressor
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.motion import BaseMotion
-from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 
 BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
 
