@@ -112,7 +112,6 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
 
 @cache
 def quick():
-    """Least squares of the arm with friction, from its torques."""
     return ident.identify(mechanism(), log(6.0, 50.0), estimator="weighted", cutoff=8.0)
 
 

@@ -26,12 +26,10 @@ def options(folder, *more, seed=0):
 
 
 def identified(folder):
-    """Writes the page, and returns the folder of the results."""
     assert identify.main(options(folder)) == 0
     return folder / "out"
 
 
 def replayed(page):
-    """Replay data of a page."""
     text = page.read_text(encoding="utf-8")
     return json.loads(re.search(r'<script type="application/json" id="replay">(.*?)</script>', text, re.DOTALL)[1])

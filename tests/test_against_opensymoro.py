@@ -28,7 +28,6 @@ def frame_of(row):
     [(base_wrench_regressor, "base_wrench", Sensors()), (joint_torque_regressor, "joint_torque", TORQUES)],
 )
 def test_regressors_ranks_and_regroupings_are_equal(path, regressor, key, sensors):
-    """Ranks and regroupings of the regressor at random states, and of the structure."""
     golden = json.loads(path.read_text(encoding="utf-8"))
     tree = tree_from_mdh([frame_of(row) for row in golden["frames"]])
     expected, gravity = golden[f"grouping_{key}"], np.array(golden["gravity"])

@@ -33,7 +33,6 @@ def wrench_of(longer, states):
 
 
 def stated(longer, **setup):
-    """Estimate of angles and wrench of such a pendulum."""
     rng = np.random.default_rng(0)
     states = motion(rng, 1.0)
     wrench = wrench_of(longer, states) + NOISE * rng.normal(size=(len(TIME), 6))

@@ -41,7 +41,6 @@ def recording(lag=0):
 
 
 def read(folder, mapping=MAPPING, *, arm=None, scale=1.0):
-    """Recording of a file of the arm's angles q and commands u."""
     time, channels = driven_arm.commanded(seconds=2.0)
     columns = {"time": time}
     for k, joint in enumerate(driven_arm.JOINTS):

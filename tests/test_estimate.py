@@ -23,7 +23,6 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 
 
 def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
-    """Also if the set-up makes errors of parameters anticorrelated."""
     estimate = estimated()
     rank = estimate.base.rank
     noise, both = (x[:rank, :rank] for x in (estimate.fit.covariance, estimate.covariance_setup))

@@ -86,7 +86,6 @@ def test_libraries_are_imported_when_they_are_needed():
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
-    """In strict mode, without the packages' own configuration."""
     known = pytestconfig.cache.mkdir("clients")
     for k, code in enumerate([CLIENT, *MISTAKEN]):
         (tmp_path / f"{'mistaken' if k else 'right'}_{k}.py").write_text(code, encoding="utf-8")

@@ -59,7 +59,6 @@ def codes(load, doubt=False):
 
 
 def with_theta(estimate, theta):
-    """An estimate with other parameters."""
     return replace(estimate, search=replace(estimate.search, fit=replace(estimate.fit, theta=theta)))
 
 
@@ -203,7 +202,6 @@ def test_a_box_in_a_hand_is_weighed_by_a_plate(monkeypatch):
 
 @pytest.fixture(scope="module")
 def files(logs, tmp_path_factory):
-    """A folder with both logs, and the command's arguments."""
     folder = tmp_path_factory.mktemp("logs")
     for name, log in zip(("empty", "full"), logs, strict=True):
         log.save(folder / f"{name}.npz")
@@ -212,7 +210,6 @@ def files(logs, tmp_path_factory):
 
 
 def test_the_command_weighs_a_load(files, arm, load, logs, capsys, monkeypatch):
-    """The same recordings as the estimate's, which takes the place of another one."""
 
     def identified(robot, without, loaded, *, body, mass, **_):
         assert (robot.bodies, body, mass) == (arm.bodies, "tool", None)

@@ -36,7 +36,6 @@ def turned(turns):
 
 
 def noise_of(rng, std, turns):
-    """Rotations with noise."""
     return turns * Rotation.from_rotvec(std * rng.normal(size=(len(turns), 3)))
 
 

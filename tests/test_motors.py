@@ -63,7 +63,6 @@ def mechanism(**drives):
 
 
 def by_name(estimate):
-    """Values and standard deviations of what was fitted."""
     fit = estimate.fit
     return dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
 

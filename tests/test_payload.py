@@ -38,7 +38,6 @@ def usual():
 
 
 def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
-    """With a heavier model of the tool than the true one."""
     heavier = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool={**wrist.TOOL, "mass": 0.25})))
     payload = identify_payload(heavier, log(seed=1), **GIVEN)
     bodies = usual().in_frame(), payload.in_frame()

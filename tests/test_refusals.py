@@ -102,7 +102,6 @@ def on_ground(*contacts, **ground):
 
 
 def in_contact(**contact):
-    """Total wrench of three bodies with a contact on one of them."""
     return on_ground(Wrench(**{"values": np.zeros((4, 6)), "body": "b1", **contact}), time=np.arange(4.0))
 
 

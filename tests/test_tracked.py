@@ -39,7 +39,6 @@ NOISE = 1e-4, np.radians(0.01)  # Noise of positions, m, and of orientations, ra
 
 
 def text(places=PLACES):
-    """MJCF of an arm whose joints lie at some places."""
     bodies = "".join(
         f'<body name="b{k}" pos="{" ".join(map(str, place))}"><joint name="{joint}" axis="{axis}"/><inertial {own}/>'
         for k, (place, joint, axis, own) in enumerate(zip(places, JOINTS, AXES, INERTIALS, strict=True))
@@ -56,7 +55,6 @@ def mechanism():
 
 
 def motion(rng, time):
-    """Angles, velocities and accelerations (N, 5) each."""
     pulsation, phase = 2 * np.pi * 0.15 * np.arange(1, 7), rng.uniform(0, 6.3, (5, 6))
     return sines(time, rng.uniform(0.08, 0.28, (5, 6)), pulsation, phase + np.pi / 2)
 
@@ -77,7 +75,6 @@ def in_mujoco(states, places=PLACES):
 
 
 def poses_of(name, positions, orientations):
-    """Channels of a tracked body."""
     return {f"{name}_position": positions, f"{name}_orientation": orientations.as_quat(scalar_first=True)}
 
 
@@ -188,7 +185,6 @@ def in_time():
 
 
 def with_flange(recording, time, change):
-    """The recording with other samples of the flange's poses."""
     names = "flange_position", "flange_orientation"
     return replace(recording, streams={name: Sampled(time, change(recording[name])) for name in names})
 

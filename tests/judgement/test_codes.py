@@ -187,7 +187,6 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
 
 
 def names(template):
-    """Names in a template, those in its formats among them."""
     for _, name, spec, _ in Formatter().parse(template):
         if name:
             yield from (name, *names(spec))

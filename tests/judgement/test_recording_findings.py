@@ -67,7 +67,6 @@ WEIGHT = PENDULUM.mass * 9.81
 
 @pytest.mark.parametrize(("spans", "heavier"), [([(2, 3), (6, 9)], 0.8), ([(0.5, 6)], 1.25)])
 def test_they_are_found_where_they_are(spans, heavier):
-    """Also with a model that is too light or too heavy."""
     model = replace(PENDULUM, prior=heavier * PENDULUM.known)
     contacts = unmeasured_contacts(prepared(model, leaning(spans, FORCE)))
     assert len(contacts) == len(spans)
@@ -132,7 +131,6 @@ def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways(
 
 
 def test_signs_of_plates_are_still_held_against_the_model():
-    """A plate with inverted signs is found by the remaining channels."""
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)

@@ -23,7 +23,6 @@ def width(request, monkeypatch):
 
 
 def both(function):
-    """Results of a function with compiled code and without."""
     with compiled.switched(False):
         plain = function()
     with compiled.switched(True):

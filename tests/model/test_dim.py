@@ -67,7 +67,6 @@ def test_equations_9_and_11_are_the_rates_of_energy_and_of_momentum(tree, state,
     """Power of the joints' torques, and the ground's wrench without gravity."""
 
     def bodies(t):
-        """Pose, twist and φ of each body."""
         q, dq = moved_states(tree, *state, t)
         T, (_, V, _) = tree.poses(q), dim.forward_recursion(Mechanism(tree, GRAVITY), Motion(q, dq, state[2]))
         return [(T[i], V[i], own) for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True)]

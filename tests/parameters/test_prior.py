@@ -41,7 +41,6 @@ CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0
     ids=["far from its frame", "around its frame", "a point"],
 )
 def test_bodies_that_are_drawn_deviate_as_is_known(phi, known):
-    """With errors of mass, centre of mass and central inertia."""
     rng, count = np.random.default_rng(0), 50_000
     mass, center, inertia = com_from_parameters(phi)
     values, axes = np.linalg.eigh(inertia)
