@@ -11,7 +11,7 @@ from random_models import random_model
 from scipy import linalg
 
 from experiments.data import paper
-from ident import InputError, Tree, base_wrench_regressor, find_base_parameters
+from ident import InputError, Sensors, Tree, base_wrench_regressor, find_base_parameters
 from ident.geometry.inertia import parameter_names
 from ident.parameters import independent_columns
 from ident.parameters.independent_columns import DEPENDENT
@@ -56,6 +56,7 @@ def test_parallel_axes_have_rank_13_however_little_they_tilt_and_others_15():
     for difference_deg in (1e-3, 1, 90):
         tree = double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))
         assert base_of(tree).rank == find_base_parameters(tree).rank == 15
+    assert find_base_parameters(tree, sensors=Sensors(False, True)).rank == 10
 
 
 def test_pinned_names_that_are_no_basis_are_refused():

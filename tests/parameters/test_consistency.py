@@ -10,14 +10,8 @@ from scipy.optimize import minimize
 
 from ident import BaseParameters, Body, Mechanism, Sensors, find_base_parameters
 from ident.display.brief import QUANTITIES
-from ident.geometry.inertia import (
-    PARAMETERS,
-    parameter_names,
-    parameters_from_com,
-    parameters_from_pseudo_inertia,
-    pseudo_inertia,
-    with_centers,
-)
+from ident.geometry import inertia
+from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from ident.mechanism.tree import BASE, Tree
 from ident.parameters.consistency import consistent_parameters, physical_prior
 from ident.parameters.prior import guessed
@@ -62,7 +56,7 @@ def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(
 
     def square(L):
         L = P @ L.reshape(-1, 4, 4)
-        phi = parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel()
+        phi = inertia.parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel()
         off = np.linalg.solve(root, base.regroup(phi) - psi)
         slope = forms(regrouping(base).T @ np.linalg.solve(root.T, off))
         return off @ off, (4 * np.swapaxes(P, 1, 2) @ slope @ L).ravel()
@@ -79,7 +73,7 @@ def test_units_do_not_matter(seed, attainable):
     """Tonnes and millimetres give the same bodies."""
     base, truth, prior, covariance = problem(seed)
     psi = base.regroup(truth) if attainable else -base.regroup(truth)
-    power = [0 if name == "m" else 1 if name.startswith("mr") else 2 for name in PARAMETERS]
+    power = [0 if name == "m" else 1 if name.startswith("mr") else 2 for name in inertia.PARAMETERS]
     scale = np.tile(1e-3 * 1e3 ** np.array(power, float), len(prior) // 10)
     kept, dependent = scale[list(base.kept)], scale[list(base.dependent)]
     scaled = replace(base, beta=kept[:, None] * base.beta / dependent)
@@ -139,7 +133,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence():
             consistent_parameters(*args, bodies=names)
 
 
-EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
+EVERY = BaseParameters(inertia.parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
 """All ten parameters of one body as base parameters."""
 
 ROD = parameters_from_com(0.675, [0, 0, -0.434], np.diag([0.003, 0.003, 0.0005]))
@@ -173,7 +167,7 @@ def test_bounds_of_a_pendulum_are_those_of_its_cone():
 
 
 def inside(full, truth):
-    limits, own = full.intervals, with_centers(truth)
+    limits, own = full.intervals, inertia.with_centers(truth)
     return (limits[..., 0] <= own) & (own <= limits[..., 1])
 
 

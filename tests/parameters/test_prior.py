@@ -13,6 +13,7 @@ from ident import InputError, Mechanism, Tree
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameter_transform, parameters_from_com
 from ident.mechanism.body import BASE, Body, Follower
+from ident.parameters import prior as priors
 from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.parameters.person_prior import SEXES, TABLES, Person, Placed, segments, with_person
 from ident.parameters.prior import (
@@ -21,11 +22,8 @@ from ident.parameters.prior import (
     OPEN,
     UNKNOWN,
     body_covariance,
-    conditioned,
-    drive_precision,
     known_covariance,
     known_covariances,
-    parameters_identified,
 )
 
 CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
@@ -68,7 +66,7 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     # Observed base parameters, and the estimate with their prior.
     noise = np.diag(rng.uniform(0.1, 2, size=len(prior)) * np.diag(before))
     measured = prior + rng.normal(size=len(prior)) * np.sqrt(np.diag(before + noise))
-    phi, std = conditioned(arm, base, measured, noise, included=False)
+    phi, std = priors.conditioned(arm, base, measured, noise, included=False)
     direct = S @ B.T @ np.linalg.inv(before + noise)
     np.testing.assert_allclose(phi, arm.known + direct @ (measured - prior), rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(std, np.sqrt(np.diag(S - direct @ B @ S)), rtol=1e-4, atol=1e-9)
@@ -84,17 +82,17 @@ def test_the_variances_that_bayes_rule_leaves():
     expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
     both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
     for given, included in ((covariance, False), (both, True)):
-        identified = parameters_identified(arm, base, given, included=included)
+        identified = priors.parameters_identified(arm, base, given, included=included)
         np.testing.assert_allclose(identified, expected, atol=1e-4)
-    assert parameters_identified(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
-    perfect = parameters_identified(arm, base, 1e-12 * np.eye(base.rank))
+    assert priors.parameters_identified(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
+    perfect = priors.parameters_identified(arm, base, 1e-12 * np.eye(base.rank))
     assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10
 
 
 def test_drives_are_known_as_the_model_states_them_and_others_not_at_all():
     """As columns of their own, and as parts of base parameters."""
     arm, names = driven_arm.mechanism(), ("Ia(turn)", "Fv(lift)", "K(bend)")
-    np.testing.assert_allclose(drive_precision(arm, names, {"lift"}), [(DRIVE_KNOWN * 0.2) ** -2, 0, 0])
+    np.testing.assert_allclose(priors.drive_precision(arm, names, {"lift"}), [(DRIVE_KNOWN * 0.2) ** -2, 0, 0])
     base, own = find_base_parameters(arm), np.random.default_rng(0).normal(size=20)
     before = known_covariance(arm, base)
     total, own = np.trace(before), own[: base.rank]

@@ -5,16 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from mechanisms import (
-    GRAVITY,
-    JOINTS,
-    double_pendulum,
-    random_pose,
-    random_states,
-    random_tree,
-    regrouping_error,
-    tilted_axis,
-)
+from mechanisms import GRAVITY, JOINTS, double_pendulum, random_pose, random_states, random_tree, regrouping_error
 
 from ident import BaseMotion, Sensors, Tree, base_wrench_regressor, find_base_parameters, joint_torque_regressor
 from ident.geometry.se3 import coAd, inverse
@@ -37,11 +28,6 @@ def test_structure_equals_the_regressor_at_random_states(seed):
         assert numeric.rank == exact.rank
         np.testing.assert_allclose(exact.beta, numeric.beta, rtol=0, atol=1e-9 * max(1, abs(exact.beta).max()))
         assert exact.gap[0] > 1e-6 > 1e-12 > exact.gap[1]
-
-
-def test_ranks_of_axes_that_are_not_parallel():
-    tree = double_pendulum(tilted_axis(5, 0), tilted_axis(5, 90))
-    assert [find_base_parameters(tree, sensors=sensors).rank for sensors in (BASE_WRENCH, TORQUES)] == [15, 10]
 
 
 def test_rank_of_a_floating_chain_of_revolute_joints():
