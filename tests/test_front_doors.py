@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import ident
 import multicontact as mc
 import sim
-from ident import Frame, InputError, Mechanism, base_wrench_regressor, find_base_parameters, tree_from_mdh
+from ident import Frame, InputError, Mechanism, find_base_parameters, tree_from_mdh
 
 
 def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[str, ...]:
@@ -31,11 +31,6 @@ def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[
         return find_base_parameters(arm.tree, gravity=arm.gravity).expressions()
     except InputError as error:
         return (str(error),)
-
-
-def rank(arm: Mechanism, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> int:
-    Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
-    return int(np.linalg.matrix_rank(Y.reshape(-1, Y.shape[2])))
 
 
 def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
