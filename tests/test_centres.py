@@ -68,20 +68,6 @@ def test_an_estimate_and_a_model_with_joints_displaced_predict_other_motions(tmp
     assert (errors[0] < 0.3 * errors[1]).all()
 
 
-def test_at_rest_a_displaced_joint_is_a_first_moment_of_the_body_that_carries_it():
-    """Of the shift times the mass beyond the joint, at all postures; in motion it is not."""
-    base, first, second = PENDULUM.tree.bodies
-    shift, home, rng = np.array([0.01, -0.02, 0.03]), second.home.copy(), np.random.default_rng(0)
-    home[:3, 3] += shift
-    moved = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
-    phi = PENDULUM.known.copy()
-    phi[11:14] += shift * phi[20]
-    for speed, alike in ((0, True), (1, False)):
-        states = rng.normal(size=(3, 20, 2)) * np.array([1, speed, speed])[:, None, None]
-        Y = [ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) for tree in (PENDULUM.tree, moved)]
-        assert np.allclose(Y[0] @ phi, Y[1] @ PENDULUM.known, rtol=0, atol=1e-9) == alike
-
-
 def test_centres_are_in_the_intervals_though_none_is_found():
     others = dict.fromkeys(PRIORS, 0.0)
     exact, open_ = (stated(1.0, **others | {"centre": std}) for std in (0.0, {"joint2": 0.01}))

@@ -17,13 +17,6 @@ from ident.trajectory.moves import _groups
 from ident.trajectory.setup_search import Deviation
 
 
-def test_an_error_is_a_sentence_with_its_size_and_a_few_words():
-    each = SetupParameter("rotation", "hand", 0, std=0.1)
-    text = "The frame of the wrench 'hand' is turned by 1.7189 ± 0.0057° about +x from where it was stated"
-    assert sentence(each, 0.03, 1e-4) == f"{text}. The estimate includes this. {each.row.note}".rstrip()
-    assert each.text(each.row.short) == "a turn of the wrench 'hand' about x"
-
-
 @pytest.mark.parametrize("kind", SETUP)
 def test_words_of_every_kind_name_its_object_axis_size_and_sign(kind):
     row = SETUP[kind]

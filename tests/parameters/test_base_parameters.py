@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from mechanisms import GRAVITY, SCREWS, double_pendulum, random_states, random_tree, regrouping_error, tilted_axis
 from random_models import random_model
-from scipy import linalg
 
 from experiments.data import paper
 from ident import InputError, Sensors, Tree, base_wrench_regressor, find_base_parameters
 from ident.geometry.inertia import parameter_names
-from ident.parameters import independent_columns
-from ident.parameters.independent_columns import DEPENDENT
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
@@ -119,36 +116,6 @@ def test_regrouping_holds_in_any_unit_of_length(length):
     base = find_base_parameters(Tree(tuple(bodies)), gravity=GRAVITY)
     assert base.rank == find_base_parameters(tree, gravity=GRAVITY).rank
     assert regrouping_error(base, regressor_of(Tree(tuple(bodies)), 100)) <= 1e-10
-
-
-def plainly_exchanged(order, made, largest):
-    """Kept columns and those passed over, by exchanges in the coefficients of all columns (r, P)."""
-    kept, passed = order.copy(), []
-    for j in range(made.shape[1]):
-        share = np.where(kept > j, abs(made[:, j]), 0)
-        i = int(share.argmax())
-        if j in kept or share[i] <= DEPENDENT:
-            continue
-        row = made[i] / made[i, j]
-        after = made - np.outer(made[:, j], row)
-        after[i] = row
-        if abs(after).max() <= largest:
-            made, kept[i] = after, j
-        else:
-            passed.append(j)
-    return sorted(kept.tolist()), passed
-
-
-@pytest.mark.parametrize("largest", [1.5, 10, 1e3])
-def test_exchanges_within_a_bound_equal_the_plain_way(largest, monkeypatch):
-    monkeypatch.setattr(independent_columns, "COEFFICIENTS", (largest, largest))
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        columns = rng.normal(size=(30, 12)) @ (rng.normal(size=(12, 30)) * rng.uniform(0, 1, size=(12, 30)) ** 3)
-        unit, made = columns / np.linalg.norm(columns, axis=0), np.empty((12, 30))
-        triangle, order = linalg.qr(unit, mode="r", pivoting=True)
-        made[:, order] = linalg.solve_triangular(triangle[:12, :12], triangle[:12])
-        assert independent_columns.first_independent(unit, 12, 0.0) == plainly_exchanged(order[:12], made, largest)
 
 
 DM_CONTROL = find_spec("dm_control")
