@@ -84,12 +84,6 @@ def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
     assert np.abs(z).max() < 3.5
 
 
-def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_bodies():
-    estimate = weighted()
-    np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
-    assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
-
-
 def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
     estimate = weighted()
     drives, stated = estimate.drives, driven_arm.mechanism().drives

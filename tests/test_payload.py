@@ -100,17 +100,6 @@ def test_a_sensor_may_be_on_what_carries_the_tool_and_the_flange_is_any_frame_be
         first.place_of("link5")
 
 
-def test_a_payload_above_the_robot_s_mass_is_in_another_unit():
-    """Without a model of the robot's masses, what the strongest robots carry is the limit."""
-    measured = {name: x * (1e6 / 3.8 if "wrist" in name else 1) for name, x in log().measured.items()}
-    payload = identify_payload(arm(), replace(log(), measured=measured), **GIVEN)
-    without = replace(payload, robot=replace(payload.robot, prior=None))
-    for each, robot in ((payload, pytest.approx(arm().mass)), (without, None)):
-        (finding,) = coded(each, "payload_mass_unlikely")
-        assert finding.doubt and finding.values["robot"] == robot and "In mN it would be" in finding.text
-    assert payload.verdict().outcome.value == "not"
-
-
 def test_a_weight_that_the_controller_has_taken_out_is_no_payload():
     """The rest of it weighs something, but neither weight nor motion explain the forces."""
     whole, bare, rng = log(), log(text=wrist.model(tool={**wrist.TOOL, "mass": 0.08})), np.random.default_rng(0)

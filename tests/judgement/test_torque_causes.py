@@ -10,10 +10,8 @@ from coded import coded
 from mechanisms import by_joint
 
 import ident
-import scenes
 import sim
 from ident.setup import PRIORS
-from sim.motion.excitation import Trapezoids
 
 JOINTS = driven_arm.JOINTS
 EXACT = dict.fromkeys(PRIORS, 0.0)
@@ -86,23 +84,3 @@ def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
     assert finding.doubt and finding.values == {"loop": "close", "joints": ("pin", "hold")}
     assert "--leave-out pin hold" in finding.text and not estimate.verdict().usable
     assert not coded(without, "loop_left_out") and not coded(of_wrench, "loop_left_out")
-
-
-OF_TORQUES = ("torque_sign", "torque_scale", "body_not_carried")
-
-
-@pytest.mark.slow
-def test_right_torques_beside_a_plate_are_no_finding_although_the_model_s_tool_is_too_light_but_larger_ones_are():
-    arm, moves = sim.mechanism(scenes.load("arm"), base="base"), Trapezoids.drawn(np.random.default_rng(0), 4, 8)
-    log, known = sim.simulate(scenes.load("arm"), moves, samples=700), arm.known.copy()
-    known[-10:] *= 0.5
-    light, torques = replace(arm, prior=known), {f"{joint}_torque" for joint in arm.tree.joints}
-    estimate = ident.identify(light, log)
-    assert estimate.verdict().usable and not coded(estimate, *OF_TORQUES, "setup_gain")
-    (mass,) = [each for each in estimate.parameters if each.name == "m1"]
-    assert mass.estimate == pytest.approx(14.8, abs=0.05)
-    larger = {name: 1.15 * x if name in torques else x for name, x in log.measured.items()}
-    estimate = ident.identify(light, replace(log, measured=larger))
-    gains = {each.place.channels[0]: each.values["value"] for each in coded(estimate, "setup_gain")}
-    assert set(gains) <= {"turn", "shoulder", "elbow", "wrist"} and len(gains) >= 2
-    assert all(0.08 < gain < 0.18 for gain in gains.values()) and not coded(estimate, *OF_TORQUES)
