@@ -138,7 +138,7 @@ def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sig
 
 def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     log, stated, out = tmp_path / "swing.csv", tmp_path / "c.toml", tmp_path / "out"
-    write_csv(log, columns(5.0))
+    write_csv(log, columns(4.0))
     # JSON's lists and strings are TOML's.
     tables = (("base", BASE), ("wrenches.ft", FELT))
     base, felt = (f"[{name}]\n" + "".join(f"{k} = {json.dumps(x)}\n" for k, x in own.items()) for name, own in tables)

@@ -105,7 +105,7 @@ def results(estimate):
 
 def test_channels_and_derivatives_are_those_of_mujoco():
     """The turn of the flange as small angles in its own axes; frames as the alignment recovers them."""
-    time, arm = np.arange(300) / 50, mechanism()
+    time, arm = np.arange(100) / 20, mechanism()
     states = motion(np.random.default_rng(1), time)
     _, positions, orientations, jacobians = in_mujoco(states)
     poses = poses_of("flange", positions, orientations)
@@ -126,7 +126,7 @@ def test_channels_and_derivatives_are_those_of_mujoco():
 
 
 def test_stated_frames_are_kept_and_several_bodies_share_an_unknown_one():
-    time = np.arange(200) / 50
+    time = np.arange(60) / 15
     states = motion(np.random.default_rng(2), time)
     _, positions, orientations, _ = in_mujoco(states)
     world = pose(WORLD[0].as_matrix(), WORLD[1])
@@ -218,7 +218,7 @@ def test_a_late_tracker_is_estimated():
 
 
 def test_poses_that_do_not_fit_are_a_doubt():
-    recording = replace(recorded(seconds=3.0)[0], trackers={"flange": Tracker("b2")})
+    recording = replace(recorded(seconds=2.0)[0], trackers={"flange": Tracker("b2")})
     (finding,) = coded(identified(recording, centre=0.0), "tracked_poses")
     assert finding.doubt and finding.place.bodies == ("b2",)
 

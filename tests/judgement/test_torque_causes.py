@@ -28,7 +28,7 @@ LOOP = """<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="base"
 ARM = replace(driven_arm.mechanism(), drives={})  # Without the drives that its model states.
 
 
-def recorded(torques, noise=0.03, seconds=10.0):
+def recorded(torques, noise=0.03, seconds=8.0):
     """Recording of the arm whose torques are a function of the inertial ones, the weight and the velocities."""
     rng = np.random.default_rng(1)
     t, q, dq, ddq = driven_arm.motion(rng, seconds, size=1.5)

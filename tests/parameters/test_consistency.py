@@ -40,7 +40,7 @@ def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_p
     np.testing.assert_allclose(consistent.divergence, divergence, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize(("seed", "attainable"), [(0, True), (0, False), (4, False)])
+@pytest.mark.parametrize(("seed", "attainable"), [(0, True), (4, False)])
 def test_units_do_not_matter(seed, attainable):
     """Tonnes and millimetres give the same bodies."""
     base, truth, prior, covariance = problem(seed)
