@@ -8,7 +8,7 @@ from marked import labels_of, trc, trial
 from written_formats import write_csv, write_mat, write_mot
 
 import scenes
-from experiments import angles, excite, identify, payload
+from experiments import angles, identify, payload
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -71,16 +71,6 @@ COMMANDS = (
         | {"--holdout": ("0.4",), "--no-offsets": (), "--flange": ("link7",)},
         {"--body": ("link1", "x", "", "world"), "--sensor": ("x", ""), "--flange": ("x",), "--holdout": ("1", "nan")},
         ("--body", "--sensor", "--columns"),
-    ),
-    Command(
-        excite,
-        (("model", ("plain.xml", "arm.urdf", "pad.xml")),),
-        {"--starts": ("1",), "--iterations": ("2",), "--seconds": ("2",), "--base": ("base",)}
-        | {"--joints": ("joint1", "joint2"), "--criterion": ("determinant", "condition")}
-        | {"--sensors": ("torque",), "--collisions": ("ignore",)},
-        {"--base": ("x", "", "link2"), "--joints": ("x", ""), "--seconds": ("0", "1e-7", "1e7", "nan")}
-        | {"--velocity": ("1e-7", "1e7"), "--acceleration": ("0",), "--harmonics": ("1", "100"), "--noise": ("x",)},
-        ("--starts", "--iterations", "--seconds", "--base"),
     ),
 )
 """The commands, `identify` more often than others."""
