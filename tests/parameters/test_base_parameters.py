@@ -1,17 +1,21 @@
-"""Base parameters against ranks and regressors, and their elimination against the plain way."""
+"""Base parameters of structures and of regressors, against each other, ranks and known formulas."""
 
 from dataclasses import replace
+from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 
+import mechanisms
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, SCREWS, double_pendulum, random_states, random_tree, regrouping_error, tilted_axis
+from mechanisms import GRAVITY, double_pendulum, random_states, random_tree, regrouping_error, tilted_axis
 from random_models import random_model
 
 from experiments.data import paper
-from ident import InputError, Sensors, Tree, base_wrench_regressor, find_base_parameters
+from ident import BaseMotion, InputError, Sensors, Tree, base_wrench_regressor, find_base_parameters
 from ident.geometry.inertia import parameter_names
+from ident.geometry.se3 import coAd, inverse
+from ident.model.regressor import joint_torque_regressor
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
@@ -84,7 +88,13 @@ def tree_of_any_kind(seed, bodies):
     if seed % 4 == 3:
         model = random_model(rng, bodies)
         return tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    kinds = {"massless": 0.1} if seed % 4 == 0 else {"kinds": SCREWS} if seed % 4 == 1 else {"kinds": ("revolute",)}
+    kinds = (
+        {"massless": 0.1}
+        if seed % 4 == 0
+        else {"kinds": mechanisms.SCREWS}
+        if seed % 4 == 1
+        else {"kinds": ("revolute",)}
+    )
     return random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
 
 
@@ -116,6 +126,68 @@ def test_regrouping_holds_in_any_unit_of_length(length):
     base = find_base_parameters(Tree(tuple(bodies)), gravity=GRAVITY)
     assert base.rank == find_base_parameters(tree, gravity=GRAVITY).rank
     assert regrouping_error(base, regressor_of(Tree(tuple(bodies)), 100)) <= 1e-10
+
+
+BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_structure_equals_the_regressor_at_random_states(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)
+    gravity = 5 * rng.normal(size=3)
+    states = random_states(rng, tree, 20 * len(tree.bodies))
+    wrench, torques = (of(tree, *states, gravity=gravity) for of in (base_wrench_regressor, joint_torque_regressor))
+    for sensors, Y in ((BASE_WRENCH, wrench), (TORQUES, torques), (BOTH, np.concatenate([wrench, torques], axis=1))):
+        if not Y.any():
+            continue  # Nothing that moves has a mass.
+        exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+        numeric = find_base_parameters(Y, kept=exact.names)
+        assert numeric.rank == exact.rank
+        np.testing.assert_allclose(exact.beta, numeric.beta, rtol=0, atol=1e-9 * max(1, abs(exact.beta).max()))
+        assert exact.gap[0] > 1e-6 > 1e-12 > exact.gap[1]
+
+
+def test_rank_of_a_floating_chain_of_revolute_joints():
+    n = 12
+    tree = random_tree(np.random.default_rng(n), n, kinds=("revolute",))
+    assert find_base_parameters(tree, sensors=Sensors(moving_base=True)).rank == 10 + 7 * (n - 1)
+
+
+def test_exact_numbers_give_exact_coefficients():
+    """Exact with fractions: a pendulum of length 17/40 has its square as a coefficient."""
+
+    def exact(x):
+        return np.vectorize(Fraction, otypes=[object])(x)
+
+    tree = double_pendulum()
+    numbers = find_base_parameters(tree)
+    for coefficient in (0.425, 0.425**2, 1.0):
+        assert abs(abs(numbers.beta) - coefficient).min() < 1e-15
+    bodies = tuple(replace(body, home=exact(body.home), twist=exact(body.twist)) for body in tree.bodies)
+    base = find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]))
+    assert base.names == numbers.names and Fraction(0.425) ** 2 in base.beta
+    assert "Ixx2 + (" in base.expressions()[5]
+    with pytest.raises(ValueError, match="can be pinned for numbers"):
+        find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]), kept=base.names)
+
+
+@pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
+@pytest.mark.parametrize("seed", range(6))
+def test_channels_of_the_base_wrench_see_what_their_regressor_shows(seed, moving_base):
+    """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes."""
+    rng = np.random.default_rng(seed)
+    kinds = ("helical", "revolute") if seed % 4 == 0 else mechanisms.JOINTS
+    tree = random_tree(rng, int(rng.integers(2, 6)), kinds=kinds, massless=0.1)
+    pose, samples = mechanisms.random_pose(rng) if seed % 2 else np.eye(4), 40 * len(tree.bodies)
+    rows = coAd(inverse(pose))[rng.choice(6, int(rng.integers(1, 6)), replace=False)]
+    states = random_states(rng, tree, samples)
+    free = rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6))
+    motion = BaseMotion.from_free_joint(*free) if moving_base else None
+    Y = rows @ base_wrench_regressor(tree, *states, gravity=GRAVITY, base=motion)
+    exact = find_base_parameters(tree, gravity=GRAVITY, sensors=Sensors(moving_base=moving_base, channels=rows))
+    assert find_base_parameters(Y).rank == exact.rank
+    assert regrouping_error(exact, Y) <= 1e-9
 
 
 DM_CONTROL = find_spec("dm_control")
