@@ -88,13 +88,7 @@ def tree_of_any_kind(seed, bodies):
     if seed % 4 == 3:
         model = random_model(rng, bodies)
         return tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    kinds = (
-        {"massless": 0.1}
-        if seed % 4 == 0
-        else {"kinds": mechanisms.SCREWS}
-        if seed % 4 == 1
-        else {"kinds": ("revolute",)}
-    )
+    kinds = ({"massless": 0.1}, {"kinds": mechanisms.SCREWS}, {"kinds": ("revolute",)})[seed % 4]
     return random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
 
 
@@ -128,9 +122,6 @@ def test_regrouping_holds_in_any_unit_of_length(length):
     assert regrouping_error(base, regressor_of(Tree(tuple(bodies)), 100)) <= 1e-10
 
 
-BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_structure_equals_the_regressor_at_random_states(seed):
     rng = np.random.default_rng(seed)
@@ -138,7 +129,8 @@ def test_structure_equals_the_regressor_at_random_states(seed):
     gravity = 5 * rng.normal(size=3)
     states = random_states(rng, tree, 20 * len(tree.bodies))
     wrench, torques = (of(tree, *states, gravity=gravity) for of in (base_wrench_regressor, joint_torque_regressor))
-    for sensors, Y in ((BASE_WRENCH, wrench), (TORQUES, torques), (BOTH, np.concatenate([wrench, torques], axis=1))):
+    both = np.concatenate([wrench, torques], axis=1)
+    for sensors, Y in ((Sensors(), wrench), (Sensors(False, True), torques), (Sensors(True, True), both)):
         if not Y.any():
             continue  # Nothing that moves has a mass.
         exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
