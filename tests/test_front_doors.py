@@ -16,38 +16,26 @@ from ident.errors import InputError
 from ident.estimate import PAGES
 
 CLIENT = """
-import numpy as np
-from numpy.typing import NDArray
-
 import ident
 import multicontact as mc
 import sim
-from ident import Frame, InputError, Mechanism, find_base_parameters, tree_from_mdh
+from ident import Frame, Mechanism, Motion, find_base_parameters, tree_from_mdh
+
+arm: Mechanism = sim.mechanism(mc.scenes.load("arm"))
+tree = tree_from_mdh([Frame("1", None, "revolute")])
+expressions: tuple[str, ...] = find_base_parameters(tree, gravity=arm.gravity).expressions()
+first, second = ident.identify(arm, "run.csv"), mc.identify(arm, ["log.csv"], columns={"time": "t"}, held_out="run.csv")
+p: float = first.compare(second).p_value
+low, high = second["m3rz3"].interval(0.9, setup=False)
+print(low + high, second.summary(), second.to_dict()["std"], second.plot().axes, second.by_body["hand"][0].unit)
 
 
-def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[str, ...]:
-    arm = Mechanism(tree_from_mdh(frames), gravity)
-    try:
-        return find_base_parameters(arm.tree, gravity=arm.gravity).expressions()
-    except InputError as error:
-        return (str(error),)
+def largest(motion: Motion, recording: ident.Recording) -> float:
+    return float(mc.Estimate.load("arm.npz").predict(motion).max() + recording["hip_position"].max())
 
 
-def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
-    first, second = ident.identify(arm, one), ident.identify(arm, other, estimator="ordinary", holdout=0.0)
-    return first.compare(second).p_value
-
-
-def heaviest(arm: mc.Mechanism, log: str) -> tuple[str, float, float]:
-    estimate = mc.identify(arm, [log], columns={"time": "t"}, held_out="other.csv")
-    low, high = estimate["m3rz3"].interval(0.9, setup=False)
-    print(estimate.summary(), estimate.to_dict()["std_setup"], estimate.plot().axes, estimate.by_body["hand"][0].unit)
-    estimate.save("arm.npz")
-    return estimate.names[int(np.argmax(estimate.psi))], low, float(mc.Estimate.load("arm.npz").interval()[0, 1] + high)
-
-
-page = mc.report(mc.identify(mc.mechanism(mc.scenes.load("arm")), "run.csv"), "results").read_text()
-tree, release = sim.tree_from_model("arm.xml"), ".".join((mc.__version__, "post1"))
+page: str = mc.report(second, "results").read_text()
+release = ".".join((mc.__version__, "post1"))
 """
 
 MISTAKEN = {
