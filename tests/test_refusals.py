@@ -39,9 +39,11 @@ STATES = random_states(np.random.default_rng(0), TREE, 3)
 SAMPLES, CLOCK = np.arange(3.0), np.arange(40) / 100
 POINT, HINGE = Body("a", BASE, UNIT, np.zeros(6)), Body("a", BASE, UNIT, np.eye(6)[3], "elbow")
 SHOULDER = Body("arm", BASE, UNIT, ball_twist(np.zeros(3)), "shoulder")
+MOVING = BaseMotion(np.tile(UNIT, (3, 1, 1)), *np.zeros((2, 3, 6)))
+MOVES, SERIES = Trapezoids([[0]], [[1]], [[0, 1]]), FourierTrajectory(1.0, [0.0], [[1.0, 2.0]])
 NO_TURN, ONE = (np.zeros((1, 4)), *np.zeros((2, 1, 3))), BaseMotion(UNIT[None], *np.zeros((2, 1, 6)))
 SLIDE = Tree((Body("slide", BASE, UNIT, np.eye(6)[0], "rail"),))
-STILL = Mechanism(TREE, np.zeros(3))
+STILL, HUMANOID = Mechanism(TREE, np.zeros(3)), mc.scenes.load("humanoid").compile()
 ACROSS, SHAPES = double_pendulum((0, 1, 0), (0, 1, 0)), ((5, 2), (4, 2), (5, 2))
 GHOST = '<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>'
 ONE_JOINT = replace(DOUBLE_PENDULUM, offset=[0.0], amplitude=[[1.0]], frequency=[[1.0]], phase=[[0.0]])
@@ -74,26 +76,10 @@ def regressor(tree, *states, gravity=GRAVITY, **given):
     return mc.base_wrench_regressor(tree, *states, gravity=gravity, **given)
 
 
-def body(**change):
-    return Body(**{"name": "arm", "parent": BASE, "home": UNIT, "twist": np.zeros(6), **change})
-
-
-def moving(**change):
-    return BaseMotion(**{"T": np.tile(UNIT, (3, 1, 1)), "V": np.zeros((3, 6)), "dV": np.zeros((3, 6)), **change})
-
-
 def followers(first, second):
     """A table of two joints that follow others, with a fixed frame between them."""
     last = Frame("2", "fixed", "prismatic", follows=second)
     return tree_from_mdh([Frame("1", None, "revolute", follows=first), Frame("fixed", "1", "fixed"), last])
-
-
-def series(duration=1.0, center=(0.0,), coefficients=((1.0, 2.0),)):
-    return FourierTrajectory(duration, center, coefficients)
-
-
-def trapezoids(times=((0, 1),), durations=((1,),), goals=((0, 1, 2),)):
-    return Trapezoids(times, durations, goals)
 
 
 def on_ground(*contacts, **ground):
@@ -119,10 +105,6 @@ def not_finite():
     return parameters_from_model(model)
 
 
-def falling(seconds, rate=100):
-    return mc.fall(mc.scenes.load("humanoid").compile(), "pelvis", seconds=seconds, rate=rate)
-
-
 def weighed(covariance):
     samples = mc.Samples(Motion(*STATES), np.zeros((3, 6)), covariance)
     return mc.least_squares(mc.Equations.of_wrench(STILL), samples)
@@ -142,18 +124,18 @@ def part_of_log(start, stop):
 
 REFUSED = [
     # Bodies, trees and motions of a base.
-    ("'arm'.*rigid home pose", lambda: body(home=np.diag([2.0, 1, 1, 1]))),
-    ("'arm'.*4×4", lambda: body(home=np.eye(3))),
-    ("'arm'.*joint twist", lambda: body(twist=np.array([0, 0, 0, 0, 0, 2.0]))),
+    ("'a'.*rigid home pose", lambda: replace(POINT, home=np.diag([2.0, 1, 1, 1]))),
+    ("'a'.*4×4", lambda: replace(POINT, home=np.eye(3))),
+    ("'a'.*joint twist", lambda: replace(POINT, twist=2 * HINGE.twist)),
     ("at least one body", lambda: Tree(())),
     ("parent index from -1 to 0, got 1", lambda: Tree((POINT, replace(POINT, name="b", parent=1)))),
     ("for every body; 'a' occurs twice", lambda: Tree((POINT, POINT))),
     ("for every joint; 'elbow' occurs twice", lambda: Tree((HINGE, replace(HINGE, name="b")))),
     ("has a rotation 'shoulder.x', and another", lambda: Tree((SHOULDER, replace(HINGE, joint="shoulder.x")))),
     (r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and", lambda: BaseMotion.from_free_joint(*np.ones((3, 3, 6)))),
-    (r"T \(N, 4, 4\), V \(N, 6\) and dV \(N, 6\), got V \(2, 6\)", lambda: moving(V=np.zeros((2, 6)))),
-    ("finite", lambda: moving(dV=np.full((3, 6), NAN))),
-    ("rigid poses", lambda: moving(T=np.zeros((3, 4, 4)))),
+    (r"T \(N, 4, 4\), V \(N, 6\) and dV \(N, 6\), got V \(2, 6\)", lambda: replace(MOVING, V=np.zeros((2, 6)))),
+    ("finite", lambda: replace(MOVING, dV=np.full((3, 6), NAN))),
+    ("rigid poses", lambda: replace(MOVING, T=np.zeros((3, 4, 4)))),
     (r"Row 1 \(frame '1'\) .*out of revolute, prismatic, fixed, got", lambda: tree_from_mdh([Frame("1", None, "x")])),
     ("Row 2 gives frame '1' a second time", lambda: tree_from_mdh(2 * [Frame("1", None, "fixed")])),
     (r"Row 1 .*parent from a row before it \(none but", lambda: tree_from_mdh([Frame("1", "2", "fixed")])),
@@ -251,8 +233,8 @@ REFUSED = [
     ("'triple'; the scenes are double_pendulum", lambda: mc.scenes.load("triple")),
     ("has neither tilt nor contact to choose", lambda: mc.scenes.load("humanoid", tilt_deg=5)),
     *(("from 0° to below 90°", partial(mc.scenes.load, "double_pendulum", tilt_deg=x)) for x in (-1, 90)),
-    ("at least one sample, got 0 s at 100 Hz", lambda: falling(0)),
-    (r"timestep of 0.001 s must divide 0.0033\d* s", lambda: falling(1, 300)),
+    ("at least one sample, got 0 s at 100 Hz", lambda: mc.fall(HUMANOID, "pelvis", seconds=0, rate=100)),
+    (r"timestep of 0.001 s must divide 0.0033\d* s", lambda: mc.fall(HUMANOID, "pelvis", seconds=1, rate=300)),
     ("needs 1 to 1000000 samples, got 0", lambda: simulated(samples=0)),
     ("samples needs a whole number; got 2.5", lambda: simulated(samples=2.5)),
     ("from 0 to 1000, got -1", lambda: simulated(noise_scale=-1)),
@@ -266,12 +248,12 @@ REFUSED = [
     (r"shapes \(1,\), \(2, 2\)", lambda: replace(DOUBLE_PENDULUM, offset=[0.0])),
     ("positive frequencies", lambda: replace(DOUBLE_PENDULUM, frequency=[[0.0, 1], [1, 1]])),
     ("zero or more, got -1.0", lambda: replace(DOUBLE_PENDULUM, noise=-1.0)),
-    (r"got shapes \(1, 2\), \(1, 1\) and \(1, 3\)", trapezoids),
-    ("to end before the next one", lambda: trapezoids(durations=[[1.5, 1]])),
-    ("take some time", lambda: trapezoids(durations=[[0, 1]])),
-    (r"shapes \(1,\) and \(1, 3\)", lambda: series(coefficients=[[1.0, 2, 3]])),
-    ("finite numbers", lambda: series(center=[NAN])),
-    ("positive duration, got 0.0 s", lambda: series(0.0)),
+    (r"got shapes \(1, 2\), \(1, 1\) and \(1, 2\)", lambda: replace(MOVES, start=[[0, 1]])),
+    ("to end before the next one", lambda: Trapezoids([[0, 1]], [[1.5, 1]], [[0, 1, 2]])),
+    ("take some time", lambda: replace(MOVES, lasting=[[0]])),
+    (r"shapes \(1,\) and \(1, 3\)", lambda: replace(SERIES, coefficients=[[1.0, 2, 3]])),
+    ("finite numbers", lambda: replace(SERIES, center=[NAN])),
+    ("positive duration, got 0.0 s", lambda: replace(SERIES, duration=0.0)),
     ("at least 2 harmonics, got 1", lambda: basis(1.0, 1, np.zeros(1))),
     # Identification.
     *((TWICE, lambda x=x: identified([LOG, x])) for x in (LOG, Recording(LOG.time, LOG.measured), part_of_log(1, 400))),
