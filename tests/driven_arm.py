@@ -53,6 +53,7 @@ def of_one_joint(inertia, servo, commands, step):
 
 
 NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states none.
+EXACT = dict.fromkeys(PRIORS, 0.0)  # A set-up as stated.
 
 
 @cache
@@ -118,5 +119,4 @@ def quick():
 @cache
 def jointly():
     """Trajectory estimate of the same, with the set-up as stated."""
-    exact = dict.fromkeys(PRIORS, 0.0) | {"gain": 0.01}
-    return ident.identify(mechanism(), log(4.0, 50.0), setup=exact, known=True)
+    return ident.identify(mechanism(), log(4.0, 50.0), setup=EXACT | {"gain": 0.01}, known=True)

@@ -17,14 +17,12 @@ from experiments.reports.identify_report import parameters_table, scales_table
 from ident import InputError, LogError, Motion
 from ident.recordings.followers import with_servos
 from ident.recordings.stated import Servo
-from ident.setup import PRIORS
 
 SERVOS = {j: Servo(kp, kv) for j, kp, kv in zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True)}
 MAPPING = 'time = "time"\n' + "".join(
     f'[joints.{joint}]\nposition = "q{k}"\ncommand = "u{k}"\nkp = {servo.kp}\nkv = {servo.kv}\n'
     for k, (joint, servo) in enumerate(SERVOS.items())
 )
-EXACT_BUT_SCALES = {kind: 0.0 for kind in PRIORS if kind != "scale"}
 WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))  # Stated over true stiffness of the servos.
 
 
@@ -224,7 +222,8 @@ def test_uncertainties_that_would_have_no_effect_are_refused():
 def test_an_uncertain_torque_constant_is_estimated_from_the_other_torques():
     log = driven_arm.log()
     wrong = replace(log, measured={**log.measured, "bend_torque": 1.3 * log["bend_torque"]}, scales={"bend": 0.3})
-    estimate = ident.identify(driven_arm.mechanism(), wrong, setup=EXACT_BUT_SCALES, known=False)
+    exact = {kind: std for kind, std in driven_arm.EXACT.items() if kind != "scale"}
+    estimate = ident.identify(driven_arm.mechanism(), wrong, setup=exact, known=False)
     scale, std = estimate.scales["bend"]
     assert std < 0.02 and abs(1.3 * scale - 1) < 3 * std
     (finding,) = coded(estimate, "torque_scale_estimated")

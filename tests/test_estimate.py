@@ -18,7 +18,6 @@ from ident import Body, Mechanism, Recording, base_wrench_regressor
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.drives import Actuator, Drive
 from ident.mechanism.tree import BASE, Tree
-from ident.setup import PRIORS
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 
@@ -51,8 +50,6 @@ TRUE = {
 }
 """Drives that the links do not absorb."""
 
-EXACT = dict.fromkeys(PRIORS, 0.0)
-
 
 @cache
 def weighted(*, stated=True, **options):
@@ -74,7 +71,7 @@ def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
 
 
 def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
-    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=EXACT, known=False)
+    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=driven_arm.EXACT, known=False)
     std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
     z = {name: (values(estimate)[name] - value) / std[name] for name, value in TRUE.items()}
     assert max(map(abs, z.values())) < 3.5, z
@@ -101,7 +98,7 @@ def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     torque = recording["bend_torque"].copy()
     torque[: round(0.7 * len(torque))] = 0.0
     flat = replace(recording, measured={**recording.measured, "bend_torque": torque})
-    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=EXACT)
+    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=driven_arm.EXACT)
     assert estimate.channels == ("turn", "lift")
     k = estimate.base.names.index("Izz1")
     assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
@@ -127,7 +124,7 @@ def test_a_stated_mass_binds_the_bodies():
     full = ident.identify(replace(ROD, prior_known={"rod": {"mass": 0}}), log(), known=True).consistent()
     assert full.attainable and full.phi[0] == pytest.approx(0.675, rel=1e-4)
     assert full.rows[0].words == "0.675 (as stated)" and full.values[0, 3] == pytest.approx(-0.15, abs=0.01)
-    assert full.intervals[0, 3, 0] < -0.15 < full.intervals[0, 3, 1]
+    assert full.intervals[0, 3, 0] < -0.15 < full.intervals[0, 3, 1] and full.rows[3].determined
     free = ident.identify(ROD, log()).consistent()
     assert not free.rows[0].determined and free.intervals[0, 0, 0] < 0.675 and free.intervals[0, 0, 1] == np.inf
 

@@ -16,7 +16,6 @@ from experiments.studies.person_recordings import Laboratory, humanoid, mistaken
 from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
 from ident.problem import problem_of
-from ident.setup import PRIORS
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
 RECORDING = faulty(0)
@@ -69,7 +68,7 @@ def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condi
     q[:, 1:] += 1e-4 * rng.normal(size=(len(t), 2))
     channels = by_joint(driven_arm.JOINTS, position=q, torque=torque)
     log = ident.Recording(t, channels)
-    estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=dict.fromkeys(PRIORS, 0))
+    estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=driven_arm.EXACT)
     assert estimate.undetermined and estimate.condition_number > 1e10 > 1e4 > estimate.determined_condition
     assert "Ia(turn), Fv(turn), Fc(turn) do not show in a joint that rests." in estimate.prepared.notes
     rows = [row[0] for row in parameters_table(estimate).rows]

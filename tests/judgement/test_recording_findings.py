@@ -20,9 +20,6 @@ from ident.judgement.checks import ContactCheck
 from ident.judgement.model_fit import delay_check
 from ident.judgement.unmodelled import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.setup import PRIORS
-
-EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
 def with_wrench(recording, change):
@@ -53,7 +50,8 @@ def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
 def test_steps_that_are_most_of_the_noise_are_named():
     coarse = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
     fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
-    (finding,), none = (coded(ident.identify(PENDULUM, each, setup=EXACT), "coarse_steps") for each in (coarse, fine))
+    estimates = (ident.identify(PENDULUM, each, setup=driven_arm.EXACT) for each in (coarse, fine))
+    (finding,), none = (coded(each, "coarse_steps") for each in estimates)
     assert not finding.doubt and not none
     steps = {each["name"]: (pytest.approx(each["step"], rel=1e-3), each["unit"]) for each in finding.values["steps"]}
     angle = 2 * np.pi / 4096, "rad"

@@ -20,7 +20,6 @@ from ident.estimation.preparation import prepared
 from ident.judgement import torque_findings as judges
 from ident.judgement.torque_checks import friction_shares, torque_checks
 from ident.model.axes import Axes
-from ident.setup import PRIORS
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
 NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
@@ -169,7 +168,6 @@ def test_a_drive_at_its_bound_in_one_log_is_of_its_joint():
 
 
 JOINTS = driven_arm.JOINTS
-EXACT = dict.fromkeys(PRIORS, 0.0)
 
 LOOP = """<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="base"><geom size=".1"/>
   <body name="crank"><joint name="turn" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
@@ -212,7 +210,7 @@ def rubs(dq):
 )
 def test_motion_that_the_torques_do_not_explain_is_a_doubt(torques, joints):
     """A hand moves an arm whose torques hold its weight, or nothing; motors move the others."""
-    estimate = ident.identify(ARM, recorded(torques), setup=EXACT, estimator="weighted", cutoff=8.0)
+    estimate = ident.identify(ARM, recorded(torques), setup=driven_arm.EXACT, estimator="weighted", cutoff=8.0)
     findings = coded(estimate, "motion_not_by_torques")
     assert tuple(finding.place.joints for finding in findings) == ((joints,) if joints else ())
     assert all(finding.doubt for finding in findings) and (not joints or estimate.verdict().outcome.value == "not")
