@@ -257,24 +257,25 @@ def test_what_is_wrong_in_an_entry_is_one_sentence():
 
 def test_recordings_in_python_are_checked_too():
     recording, *_ = recorded(seconds=1.0)
+    turns, places = recording["flange_orientation"], recording["flange_position"]
+
+    def measured(**flange):
+        return {"measured": recording.measured | {f"flange_{name}": x for name, x in flange.items()}}
+
+    still = measured(orientation=np.tile(turns[0], (100, 1)), position=np.tile(places[0], (100, 1)))
+    hidden = Sampled(recording.time, np.where(np.arange(100)[:, None] < 9, places, np.nan))
+    least = (
+        "needs at least 10 poses, samples that have both flange_position and flange_orientation, and different ones "
+    )
+    least += "where joints move 'b4'; got {}."
     for given, message in (
         ({"trackers": {"flange": Tracker("world")}}, "The tracker 'flange' needs a body that joints move, one of b0,"),
         ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
+        (measured(orientation=2 * turns), "'flange_orientation' needs quaternions of norm 1"),
+        (measured() | {"streams": {"flange_position": hidden}}, least.format(9)),
+        (still, least.format(1)),
     ):
         assert message in sentence_of(identified, replace(recording, **given))
-    least = "The tracked body 'flange' needs at least 10 poses, samples that have both flange_position and "
-    least += "flange_orientation, and different ones where joints move 'b4'; got {}."
-    own = {x: recording[f"flange_{x}"] for x in ("position", "orientation")}
-    number = np.arange(len(recording.time))
-    for first, last, got in ((number < 9, number >= 0, 9), (number % 2 == 0, number % 2 == 1, 0)):
-        kept = zip(own.items(), (first, last), strict=True)
-        parts = {f"flange_{x}": Sampled(recording.time, np.where(k[:, None], y, np.nan)) for (x, y), k in kept}
-        assert sentence_of(identified, replace(recording, streams=parts)) == least.format(got)
-    still = {f"flange_{x}": np.tile(y[0], (len(y), 1)) for x, y in own.items()}
-    rests = replace(recording, measured={**recording.measured, **still})
-    assert sentence_of(identified, rests) == least.format(1)
-    check_tracked(mechanism(), rests, mechanism().tree.joints)
-    forth = still["flange_position"] + np.outer(number, [1e-3, 0, 0])
-    check_tracked(mechanism(), replace(rests, measured={**rests.measured, "flange_position": forth}), ())
+    check_tracked(mechanism(), replace(recording, **still), mechanism().tree.joints)
     with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
         identified([recording, replace(recorded(1, seconds=1.0)[0], trackers={})])
