@@ -1,14 +1,13 @@
-"""Physical bodies near a prior against searches and duality; their intervals against closed forms and by coverage."""
+"""Physical bodies near a prior against duality and a conic solver; their intervals by closed forms and by coverage."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import bodies, forms, measured, regrouping, unphysical, weighed
-from mechanisms import GRAVITY, random_phi, random_tree
+from mechanisms import GRAVITY, SCREWS, random_phi, random_states, random_tree
 from scipy.optimize import minimize
 
-from ident import BaseParameters, Body, Mechanism, Sensors, find_base_parameters
+from ident import BaseParameters, Body, Mechanism, Sensors, base_wrench_regressor, find_base_parameters
 from ident.display.brief import QUANTITIES
 from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
@@ -18,10 +17,48 @@ from ident.parameters.prior import guessed
 from ident.payload import GUESSED
 
 
-def problem(seed, bodies=None):
+def bodies(phi):
+    return pseudo_inertia(np.reshape(phi, (-1, 10)))
+
+
+def regrouping(base):
+    """Matrix A with `A φ = ψ`."""
+    return base.regroup(np.eye(len(base.parameters))).T
+
+
+def forms(rows):
+    """Symmetric matrices (…, b, 4, 4) whose products with the pseudo-inertias are rows (…, 10 b) times φ."""
+    # φ = Σ φ_k e_k and J is linear in φ: least squares on its ten entries gives the matrix.
+    J = pseudo_inertia(np.eye(10)).reshape(10, 16)
+    return (rows.reshape(*rows.shape[:-1], -1, 10) @ np.linalg.pinv(J).T).reshape(*rows.shape[:-1], -1, 4, 4)
+
+
+def weighed(tree, base, phi, rng, noise=0.05, samples=300):
+    """Covariance of base parameters from wrenches with noise of a fraction of their size."""
+    Y = base.reduce(base_wrench_regressor(tree, *random_states(rng, tree, samples), gravity=GRAVITY))
+    size = np.sqrt(np.mean((Y @ base.regroup(phi)) ** 2, axis=0))
+    rows = Y / (noise * np.maximum(size, 0.1 * size.max()))[:, None]
+    return np.linalg.inv(np.einsum("nci,ncj->ij", rows, rows))
+
+
+def measured(rng, psi, covariance):
+    return psi + np.linalg.cholesky(covariance) @ rng.normal(size=len(psi))
+
+
+def unphysical(seed, count):
+    """Base parameters that no bodies have, most of them by far: some moments of inertia are negative."""
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, count, SCREWS)
+    base, prior, truth = find_base_parameters(tree), random_phi(rng, count), random_phi(rng, count)
+    covariance = weighed(tree, base, truth, rng)
+    truth.reshape(-1, 10)[:, 4:7] *= -0.5
+    return base, prior, measured(rng, base.regroup(truth), covariance), covariance
+
+
+def problem(seed, number=None):
     """Base parameters of random bodies, the bodies, other ones as a prior, and a covariance."""
     rng = np.random.default_rng(seed)
-    tree = random_tree(rng, bodies)
+    tree = random_tree(rng, number)
     base, count = find_base_parameters(tree), len(tree.inertial)
     root = rng.normal(size=(base.rank, base.rank))
     return base, random_phi(rng, count), random_phi(rng, count), 1e-4 * (root @ root.T + np.eye(base.rank))
@@ -190,3 +227,32 @@ def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_i
         z.append((full.phi - tape) / std)
     assert np.sqrt(np.mean(np.square(z), axis=0)).max() < 1.6
     assert np.abs((kept.phi - tape) / std).max() > 2
+
+
+def least_divergence(cvxpy, psi, covariance, base, prior, distance):
+    """Least divergence of bodies whose ψ is within a Mahalanobis distance; None if the solver is not sure."""
+    L, std = np.linalg.cholesky(bodies(prior)), np.sqrt(np.diag(covariance))
+    A = np.swapaxes(L, 1, 2) @ forms(regrouping(base)) @ L / std[:, None, None, None]
+    root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std)))
+    K = [cvxpy.Variable((4, 4), symmetric=True) for _ in L]
+    reached = sum(A[:, i].reshape(len(psi), 16) @ cvxpy.vec(k, order="C") for i, k in enumerate(K))
+    divergence = sum(cvxpy.trace(k) - cvxpy.log_det(k) - 4 for k in K)
+    near = cvxpy.norm(root / distance @ (reached - psi / std)) <= 1
+    problem = cvxpy.Problem(cvxpy.Minimize(divergence), [near])
+    problem.solve(solver=cvxpy.CLARABEL)
+    return problem.value if problem.status == "optimal" else None
+
+
+@pytest.mark.extras
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate", "ignore:.*nfeasible")
+def test_where_psi_is_unattainable_no_bodies_as_near_to_it_are_closer_to_the_prior():
+    cvxpy, compared = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional extra"), 0
+    for seed in range(20):
+        base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
+        consistent = consistent_parameters(psi, covariance, base, prior)
+        if not consistent.attainable:
+            least = least_divergence(cvxpy, psi, covariance, base, prior, consistent.distance)
+            if least is not None:
+                np.testing.assert_allclose(consistent.divergence.sum(), least, rtol=1e-3)
+                compared += 1
+    assert compared >= 8
