@@ -40,7 +40,7 @@ def noise_of(rng, std, turns):
 
 
 @cache
-def columns(seconds=12.0):
+def columns(seconds=8.0):
     """Columns of a log at 100 Hz: what the body exerts on the sensor at its origin, in its axes."""
     rng, t = np.random.default_rng(0), np.arange(round(100 * seconds)) / 100
     angles, p = (

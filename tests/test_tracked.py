@@ -205,7 +205,7 @@ def test_a_saved_recording_keeps_its_trackers(tmp_path):
 
 
 def test_poses_that_do_not_fit_are_a_doubt():
-    recording = replace(recorded(seconds=2.0)[0], trackers={"flange": Tracker("b2")})
+    recording = replace(recorded(seconds=1.0)[0], trackers={"flange": Tracker("b2")})
     (finding,) = coded(identified(recording, centre=0.0), "tracked_poses")
     assert finding.doubt and finding.place.bodies == ("b2",)
 

@@ -80,7 +80,7 @@ def fitted():
 
 
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
-    recording = log(hand=False, friction=1.0, seconds=10.0)
+    recording = log(hand=False, friction=1.0, seconds=6.0)
     estimate = ident.identify(arm(), recording, drive=(), estimator="weighted", cutoff=4.0)
     (absent,), (friction,) = coded(estimate, "body_not_carried"), coded(estimate, "friction_not_fitted")
     assert friction.doubt and friction.values["drives"] == ("viscous", "coulomb")
