@@ -189,8 +189,8 @@ def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, kn
     table = scales_table(estimate)
     assert table.columns == ("joint", "scale", "std", "kp_stated", "kp", "kv")
     for joint, *numbers in table.rows:
-        (scale, std), stated = estimate.scales[joint], SERVOS[joint].kp * WRONG[joint]
-        assert numbers == pytest.approx([scale, std, stated, stated * scale, SERVOS[joint].kv * WRONG[joint] * scale])
+        (scale, own), stated = estimate.scales[joint], SERVOS[joint].kp * WRONG[joint]
+        assert numbers == pytest.approx([scale, own, stated, stated * scale, SERVOS[joint].kv * WRONG[joint] * scale])
     # Candidates are held against the same torques, so that wrong gains count against the model alone.
     assert (estimate.rivals["least squares"] < 0.05).all()
     assert estimate.rivals["model"][driven_arm.JOINTS.index("bend")] > 0.1
@@ -226,6 +226,7 @@ def test_an_uncertain_torque_constant_is_estimated_from_the_other_torques():
     estimate = ident.identify(driven_arm.mechanism(), wrong, setup=exact, known=False)
     scale, std = estimate.scales["bend"]
     assert std < 0.02 and abs(1.3 * scale - 1) < 3 * std
+    assert scales_table(estimate).rows == (("bend", pytest.approx(scale), pytest.approx(std), None, None, None),)
     (finding,) = coded(estimate, "torque_scale_estimated")
     assert "is fixed by the torques of turn, lift." in finding.text
     assert not estimate.servos

@@ -73,6 +73,7 @@ def test_a_load_is_weighed_by_torques_alone(load):
     z = (load.joint.fit.theta[:10] - TRUE) / np.sqrt(np.diag(load.joint.fit.covariance)[:10])
     assert np.abs(z).max() < 3.5
     assert load.verdict().usable and load.verdict().mass == pytest.approx(MASS, abs=0.05)
+    assert "The load" in repr(load)
 
 
 def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_shows_open(load):

@@ -154,6 +154,7 @@ REFUSED = [
     ("A prior φ needs finite numbers", lambda: Mechanism(TREE, GRAVITY, np.full(30, NAN))),
     ("drives needs a Drive", lambda: Mechanism(TREE, GRAVITY, drives=3)),
     *(("fix needs joints", partial(mechanism, SPEC, fix=x)) for x in (np.zeros(3), {"joint1": "here"})),
+    ("sites needs a mapping of tuples", lambda: Mechanism(TREE, GRAVITY, sites={"a": 3})),
     ("ignore needs a list of texts; got 'x'", lambda: mechanism(SPEC, ignore="x")),
     # Regressors and parameters.
     ("'shoulder' needs quaternions; that of sample 0 is zero", lambda: regressor(Tree((SHOULDER,)), *NO_TURN)),

@@ -15,6 +15,7 @@ from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, recorded
 from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
+from ident.estimators.trajectory import _known_enough
 from ident.problem import problem_of
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
@@ -31,6 +32,15 @@ def test_angles_without_any_noise_are_refused_in_one_sentence():
         ident.identify(PENDULUM, angles_and_wrench(t, states[0], wrench), known=False)
 
 
+def test_equations_that_are_singular_are_solved_with_what_is_known():
+    def estimate(known=None, fallback=None):
+        if known is None:
+            raise np.linalg.LinAlgError("The matrix is not positive definite.")
+        return known
+
+    assert _known_enough(estimate, None, {"mass": 0.2}) == {"mass": 0.2}
+
+
 @pytest.mark.slow
 def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
     estimate = ident.identify(PENDULUM, shortened(RECORDING, 49))
@@ -39,8 +49,9 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
 
 def test_a_recording_that_is_too_short_is_called_that():
     few = r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"
-    with pytest.raises(ident.InputError, match=few):
-        ident.identify(PENDULUM, shortened(RECORDING, 15))
+    for samples, message in ((15, few), (5, "needs more than 9 samples, got 5")):
+        with pytest.raises(ident.InputError, match=message):
+            ident.identify(PENDULUM, shortened(RECORDING, samples))
 
 
 PERSON = mistaken(humanoid(), np.random.default_rng(1))

@@ -110,7 +110,8 @@ def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, pred
     shown = verdict.to_dict()
     assert shown["channels"]["predicted"] == list(verdict.predicted) and shown["outcome"] == outcome.value
     words = {"usable": "to predict wrenches", "partly": f"usable: it predicts {verdict.channels}"}
-    assert words.get(outcome.value, "usable: it predicts none of 6 channels") in str(verdict) == shown["verdict"]
+    assert words.get(outcome.value, "usable: it predicts none of 6 channels") in str(verdict)
+    assert str(verdict) == shown["verdict"] == repr(verdict)
     assert len(verdict.brief.split()) <= 20
 
 

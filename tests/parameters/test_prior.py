@@ -127,6 +127,15 @@ def leg():
     return Mechanism(Tree(bodies), GRAVITY, prior.ravel())
 
 
+def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centre():
+    bodies = (Body("forearm", BASE, np.eye(4), HINGE, "elbow"), Body("hand", 0, at(0, -0.3), HINGE, "wrist"))
+    prior = np.zeros((2, 10))
+    prior[:, 0], prior[1, 1:4] = (1.0, 0.5), (0.03, -0.04, 0)
+    arm = with_person(Mechanism(Tree(bodies), GRAVITY, prior.ravel()), Person("deleva", 70, 1.9, "male"))
+    length = 0.0862 / 1.741 * 1.9
+    np.testing.assert_allclose(arm.prior[11:14] / arm.prior[10], 0.79 * length * np.array([0.6, -0.8, 0]), rtol=1e-12)
+
+
 def test_a_body_that_no_model_states_may_lie_as_far_off_as_it_is_large():
     """Between joints 0.4 m apart a ball of that diameter is the guess."""
     bodies = (Body("open", BASE, np.eye(4), HINGE, "a"), Body("arm", 0, at(0.24, 0.32), HINGE, "b"))
