@@ -16,8 +16,6 @@ from ident import BaseMotion, Motion, Recording, base_wrench_regressor, joint_to
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import prepared
 from ident.judgement import checks, model_fit, residuals
-from ident.judgement.model_fit import gravity_check
-from ident.judgement.residuals import idle_channels, still_channels
 from ident.recordings.wrench import transform_wrench
 
 RNG = np.random.default_rng(0)
@@ -97,7 +95,9 @@ def idle(size, rough, ratio, *, still=False):
         ratio=np.array(ratio),
     )
     recording = SimpleNamespace(still=still)
-    return idle_channels(held, SimpleNamespace(mechanism=driven_arm.mechanism(), frame=np.eye(4), recording=recording))
+    return residuals.idle_channels(
+        held, SimpleNamespace(mechanism=driven_arm.mechanism(), frame=np.eye(4), recording=recording)
+    )
 
 
 def test_a_torque_of_a_joint_at_rest_and_one_of_noise_do_not_count():
@@ -108,7 +108,9 @@ def test_a_torque_of_a_joint_at_rest_and_one_of_noise_do_not_count():
 
 def test_a_component_that_the_model_does_not_change_is_of_a_wrench():
     changes = {"Fx": 1e-9, "Fy": 5.0, "Fz": 8.0, "Mx": 0.2, "My": 1e-5, "Mz": 0.0}
-    assert set(still_channels(changes)) == {"Fx", "My", "Mz"} and still_channels({"Fz": 0.0}) == {"Fz": "still"}
+    assert set(residuals.still_channels(changes)) == {"Fx", "My", "Mz"} and residuals.still_channels({"Fz": 0.0}) == {
+        "Fz": "still"
+    }
 
 
 ARM = driven_arm.mechanism(**driven_arm.NONE)
@@ -140,7 +142,7 @@ def test_the_direction_is_that_of_the_base_from_torques_and_from_a_wrench(rpy):
     _, motion, torques, wrench = recorded(rpy)
     model, true = with_other_bodies(np.random.default_rng(2)), ARM.mounted(rpy).gravity
     for measured in (torques, wrench, torques | wrench):
-        check = gravity_check(model, motion, measured)
+        check = model_fit.gravity_check(model, motion, measured)
         assert check.suspicious == (rpy != (0, 0, 0))
         assert check.misfit < 0.4 and (rpy == (0, 0, 0) or check.stated > 0.4)
         angle = np.arccos(np.clip(model.mounted(check.rpy_deg).gravity @ true / 9.81**2, -1, 1))
@@ -156,7 +158,7 @@ def test_the_direction_is_found_in_the_axes_of_a_moving_base(rpy):
     base = BaseMotion.from_free_joint(q, np.zeros((len(t), 6)), np.zeros((len(t), 6)))
     motion = replace(motion, base=base)
     wrench = base_wrench_regressor(ARM.tree, *motion.states, gravity=true.gravity, base=base) @ ARM.known
-    check = gravity_check(with_other_bodies(rng), motion, dict(zip(COMPONENTS, wrench.T, strict=True)))
+    check = model_fit.gravity_check(with_other_bodies(rng), motion, dict(zip(COMPONENTS, wrench.T, strict=True)))
     assert check.suspicious == (rpy != (0, 0, 0))
     assert np.allclose(ARM.mounted(check.rpy_deg).gravity, true.gravity, atol=1) and check.joint is None
 
@@ -168,9 +170,9 @@ def test_what_only_looks_like_it_is_none():
     turned = {name: wrench[base[(k + 1) % 3 + 3 * (k // 3)]] for k, name in enumerate(base)}
     one_opposite, in_mm = torques | {"lift": -torques["lift"]}, {name: 1e3 * x for name, x in torques.items()}
     for measured in (opposite, tared, turned, one_opposite, in_mm):
-        assert not gravity_check(model, motion, measured).suspicious
-    assert gravity_check(replace(model, gravity=np.zeros(3)), motion, torques) is None
-    assert gravity_check(model, motion, {}) is None
+        assert not model_fit.gravity_check(model, motion, measured).suspicious
+    assert model_fit.gravity_check(replace(model, gravity=np.zeros(3)), motion, torques) is None
+    assert model_fit.gravity_check(model, motion, {}) is None
 
 
 def log_of(rpy, seed=1):
