@@ -13,7 +13,7 @@ from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from ident.mechanism.tree import BASE, Tree
 from ident.parameters.consistency import consistent_parameters, physical_prior
-from ident.parameters.prior import guessed
+from ident.parameters.prior import body_covariance, guessed
 from ident.payload import GUESSED
 
 
@@ -182,6 +182,8 @@ def test_bounds_of_a_pendulum_are_those_of_its_cone():
     lower, upper = full.intervals[0, 0]
     assert lower == pytest.approx(least, rel=5e-3) and upper == np.inf
     np.testing.assert_allclose(full.intervals[0, 5], psi[2] + np.array([-1.96, 1.96]) * STD[2], rtol=2e-3)
+    expected = 1 / (1 + (STD[2] / np.sqrt(body_covariance(full.phi)[5, 5])) ** 2)
+    assert full.share[0, 5] == pytest.approx(expected, rel=1e-3) and expected < 0.999
     mass, height = full.rows[0], full.rows[QUANTITIES.index("centre y")]
     assert mass.words == f"not determined (more than {lower:.3g})" and mass.share == 0
     assert height.words == "not determined" and not np.isfinite(height.upper)
