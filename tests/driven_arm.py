@@ -54,6 +54,7 @@ def of_one_joint(inertia, servo, commands, step):
 
 
 NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))  # Drives of a model that states none.
+EXACT = dict.fromkeys(PRIORS, 0.0)  # A set-up as stated.
 
 
 @cache
@@ -113,7 +114,6 @@ def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
 
 @cache
 def quick():
-    """Least squares of the arm with friction, from its torques."""
     return ident.identify(mechanism(), log(6.0, 50.0), estimator="weighted", cutoff=8.0)
 
 

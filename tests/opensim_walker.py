@@ -46,7 +46,6 @@ def leg(folder):
 
 
 def motion(samples=60, rate=100.0):
-    """Times, and coordinates with their first two derivatives (N, 5) each."""
     t = np.arange(samples) / rate
     w, size = np.array([2.0, 4.0, 3.0, 5.0, 4.5]), np.array([0.3, 0.05, 0.2, 0.5, 0.6])
     arg = w * t[:, None] + np.arange(5)

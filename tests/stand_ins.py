@@ -19,7 +19,6 @@ class Here(Executor):
         """Starts nothing."""
 
     def submit(self, work, /, *args, **kwargs):
-        """A finished or failed future."""
         future = Future()
         try:
             future.set_result(work(*args, **kwargs))

@@ -117,7 +117,13 @@ def test_sides_and_groups_share_a_factor_which_is_a_persons(scaled_person):
     for call, *given, message in (
         (grouped, marked.model, [("abdomen", "thorax"), ("thorax",)], "'thorax' is in two groups"),
         (grouped, marked.model, [("tail",)], "no body named 'tail'"),
-        (scaling, marked, trial(tall, 3)[2], groups, "_thigh would have to be scaled by a factor above 3, up or down: check unit"),
+        (
+            scaling,
+            marked,
+            trial(tall, 3)[2],
+            groups,
+            "_thigh would have to be scaled by a factor above 3, up or down: check",
+        ),
     ):
         assert message in sentence_of(call, *given)
 
