@@ -5,8 +5,10 @@ cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the re
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
+from operator import add
 
 import numpy as np
 from scipy.linalg import lapack
@@ -17,7 +19,7 @@ from ident.estimation import accumulator
 from ident.estimation.accumulator import Accumulator, accumulate, contributing
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
-from ident.estimation.samples import Samples, even
+from ident.estimation.samples import Samples, even, in_order
 from ident.files.table import listed
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -29,7 +31,7 @@ Source = Samples | Recording | Iterable[Samples | Recording]
 """One piece, or an iterable of pieces that need not fit into memory together."""
 
 PIECE = 65536
-"""Samples of a part whose noise has one autocorrelation."""
+"""Samples per piece of work for one worker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +136,7 @@ def least_squares(
     source: Source,
     *,
     factor: np.ndarray | None = None,
+    executor: Executor | None = None,
 ) -> Fit:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
@@ -148,6 +151,8 @@ def least_squares(
         source: Samples or a recording, or an iterable of such pieces.
         factor: Coordinates to start from (`Accumulator.factor`), as of another trial of the same motion; by default
             computed from the first samples.
+        executor: Executor for the pieces; by default they are computed here. Pieces in memory are split for it. Its
+            workers should use one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
 
     Returns:
         The fit, independent of the division into pieces to rounding; its `epsilon` is the residual of Eq. 5.
@@ -156,10 +161,15 @@ def least_squares(
         InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.
         ExcitationError: The motion does not separate the parameters.
     """
-    parts = pieces(source, equations)
-    total = accumulate(equations, next(parts), factor=factor, checked=True)
-    for part in parts:
-        total = accumulate(equations, part, before=total, checked=True)
+    parts = _split(pieces(source, equations))
+    work = partial(accumulate, equations, checked=True)
+    total = work(next(parts), factor=factor)
+    # Accumulators in common coordinates add without a change of coordinates.
+    if executor is not None:
+        total = reduce(add, in_order(executor, partial(work, factor=total.factor), parts), total)
+    else:
+        for part in parts:
+            total += work(part, factor=total.factor)
     return solve(total, equations)
 
 
@@ -200,6 +210,11 @@ def _compare(samples: Samples, first: Samples, where: str) -> None:
     for name, (own, other) in optional.items():
         if (own is None) != (other is None):
             raise InputError(f"{where}: either all pieces have '{name}' or none has.")
+
+
+def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
+    for piece in stream:
+        yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
 
 
 def check_excitation(root: np.ndarray, names: Sequence[str], samples: int) -> None:

@@ -1,5 +1,7 @@
 """Samples in pieces, numbers that no sensor reads, and scales of channels."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,7 +17,7 @@ from slow_pendulum import recorded
 import ident
 from ident.estimation.noise import LEAST, LEAST_OF_POSES, least_noise
 from ident.estimation.preparation import Part, filtered, prepared
-from ident.estimation.samples import arrays_of, even
+from ident.estimation.samples import arrays_of, even, in_order
 from ident.estimators.least_squares import filtered_least_squares
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.stated import Servo
@@ -71,6 +73,21 @@ BROKEN[17, 2] = np.nan
 def test_bad_pieces_are_named(pieces, message):
     source = iter(pieces) if isinstance(pieces, list) else pieces
     assert message in sentence_of(fitted, TREE, source, gravity=GRAVITY)
+
+
+def test_it_is_map_whoever_finishes_first():
+    released = {k: threading.Event() for k in range(8)}
+    released[7].set()
+
+    def function(k):
+        # Each item waits for the next one.
+        assert released[k].wait(timeout=60)
+        released.get(k - 1, threading.Event()).set()
+        return k**2
+
+    with ThreadPoolExecutor(8) as executor:
+        assert list(in_order(executor, function, range(8), ahead=8)) == [k**2 for k in range(8)]
+        assert list(in_order(executor, function, [])) == []
 
 
 RECORDINGS = {

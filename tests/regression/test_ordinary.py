@@ -1,5 +1,6 @@
 """Least squares in one pass, and covariances by a second one."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from itertools import pairwise
 
@@ -70,7 +71,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_any_split_gives_the_same_answer(seed):
-    """In any order."""
+    """In any order, by one process or several threads."""
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, 4, kinds=("revolute", "ball"))
     states = random_states(rng, tree, 500)
@@ -80,9 +81,10 @@ def test_any_split_gives_the_same_answer(seed):
     parts = [whole[a:b] for a, b in pairwise(cuts) if a < b]
     rng.shuffle(parts)
     first = fitted(tree, whole)
-    fit = fitted(tree, iter(parts))
-    for name in ("psi", "covariance", "residual_norms", "singular_values"):
-        np.testing.assert_allclose(getattr(fit, name), getattr(first, name), rtol=1e-8, atol=1e-11)
+    with ThreadPoolExecutor(2) as pool:
+        for fit in (fitted(tree, parts), fitted(tree, iter(parts), executor=pool)):
+            for name in ("psi", "covariance", "residual_norms", "singular_values"):
+                np.testing.assert_allclose(getattr(fit, name), getattr(first, name), rtol=1e-8, atol=1e-11)
 
 
 def triangle_with(share):

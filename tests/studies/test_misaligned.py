@@ -11,6 +11,7 @@ from stand_ins import undetermined
 
 from experiments import misaligned
 from experiments.data import paper
+from experiments.data.fitting import trajectory_estimate
 from experiments.data.simulated_study import SimulatedStudy, tilts, wrench_error
 from experiments.document.figures import SHEET
 from experiments.reports import study_report
@@ -73,8 +74,8 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
     kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
-    trial = SimulatedStudy(study.problem, recording).trajectory("full_on_table")
-    np.testing.assert_array_equal([trial.psi, trial.std], [joint.psi, joint.std])
+    alone = trajectory_estimate(study.mechanism("full_on_table"), recording, fitted.base)
+    np.testing.assert_array_equal([alone.psi, alone.std_setup], [joint.psi, joint.std])
 
 
 @pytest.mark.usefixtures("undrawn")
