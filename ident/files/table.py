@@ -78,8 +78,8 @@ METADATA = {
 """Metadata of a file and their JSON types, by name."""
 
 
-LISTED = 100
-"""Names that a message or a summary lists at most, about two screens."""
+LISTED = 40
+"""Names that a message lists at most."""
 
 EPOCH = 1e6
 """First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""

@@ -182,7 +182,7 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, covarianc
     ways = [huber_white(first, source) for source in (parts, iter(parts))]
     for chunk in (64, 599):
         with monkeypatch.context() as patched:
-            patched.setattr("ident.estimation.equations.chunk", lambda program, size=chunk: size)
+            patched.setattr("ident.estimation.equations.CHUNK", chunk)
             ways.append(huber_white(first, iter(parts)))
     for fit in ways:
         np.testing.assert_allclose(fit.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
