@@ -8,9 +8,6 @@ from experiments.cli import options, running
 from ident.errors import InputError
 from ident.tolerances import HUGE
 
-MOST = 100
-"""Columns of each kind that are listed, about two screens; the mapping has all."""
-
 HEADS = ("quantity", "column", "unit", "certainty", "reasons")
 """Heads of the table of what the columns probably hold."""
 
@@ -27,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
     from ident.display.brief import listed
     from ident.estimation.equations import channels_out_of_plane
     from ident.files.readers import files_of
+    from ident.files.table import LISTED
     from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]
@@ -38,8 +36,8 @@ def run(args: argparse.Namespace) -> None:
     write_mapping(out, belief, force=args.force)
     log, found = belief.log, typography.table(HEADS, rows(belief), [False] * len(HEADS))
     lines = [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
-    lines += [f"Columns that are not used: {listed(belief.unused, MOST)}."] if belief.unused else []
-    lines = [*log.summary(MOST), "", *found, *[""] * bool(lines), *lines]
+    lines += [f"Columns that are not used: {listed(belief.unused, LISTED)}."] if belief.unused else []
+    lines = [*log.summary(), "", *found, *[""] * bool(lines), *lines]
     print(typography.wrapped("\n".join(lines)))
     carried = next((group for group in belief.groups.values() if group.is_inner and not group.is_doubtful), None)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()

@@ -1,12 +1,12 @@
 """Stand-ins for what takes most of a study's time: processes, drawing, and trajectory estimates."""
 
 from concurrent.futures import Executor, Future
+from types import SimpleNamespace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data import simulated_study
-from experiments.data.fitting import Trial
 from experiments.document import figures
 from experiments.document.writer import Plot
 from ident.errors import ExcitationError
@@ -45,7 +45,7 @@ def leave_undrawn(patched):
 
 def truth(mechanism, recording, base, **_):
     psi = base.regroup(mechanism.known)
-    return Trial(base, psi, np.ones_like(psi), psi)
+    return SimpleNamespace(psi=psi, std_setup=np.ones_like(psi))
 
 
 def undetermined(*_, **__):
@@ -65,5 +65,5 @@ def once(function):
 
 def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth, and leaves axes as drawn, while a monkeypatch lasts."""
-    patched.setattr(simulated_study, "trajectory_fit", truth)
+    patched.setattr(simulated_study, "trajectory_estimate", truth)
     patched.setattr(simulated_study, "searched_axes", lambda *_: None)

@@ -147,6 +147,8 @@ def test_what_cannot_be_a_payload_is_refused():
     finger = '<body name="finger"><joint name="grip"/><geom size="0.01"/></body>'
     usual, swaying = log(), np.tile(np.eye(4), (len(log().time), 1, 1))
     swaying[:, 2, 3] = 0.01 * np.sin(usual.time)
+    noise = 0.1 * np.random.default_rng(0).normal(size=(len(usual.time), 3))
+    upright = replace(usual, measured={**usual.measured, "wrist_force": noise - np.array([0, 0.3, 3.0])})
     on_link, on_hand = (replace(usual, sensors={"wrist": Sensor(name)}) for name in ("link3", "hand"))
     for robot, recording, given, error, message in (
         (arm(), usual, {"body": "hand"}, ident.InputError, "no body 'hand'"),
@@ -154,6 +156,7 @@ def test_what_cannot_be_a_payload_is_refused():
         (arm(beyond=finger), usual, {}, ident.InputError, r"hold them where they stand \(--fix grip\)"),
         (arm(), log(size=1e-3), {}, ident.ExcitationError, "keeps its direction to gravity"),
         (arm(), replace(usual, base=swaying), {}, ident.InputError, "moving base"),
+        (arm(), upright, {}, ident.InputError, "keep their direction, 3.* N along gravity"),
         (arm(), on_link, {}, ident.InputError, "'wrist' is on 'link3'"),
         (arm(), on_hand, {}, ident.InputError, "no body 'hand' for the wrench"),
     ):

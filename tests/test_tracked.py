@@ -284,7 +284,11 @@ def test_recordings_in_python_are_checked_too():
     quaternion = recording["flange_orientation"]
     for given, message in (
         ({"trackers": {"flange": Tracker("world")}}, "The tracker 'flange' needs a body that joints move, one of b0,"),
-        ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
+        ({"trackers": {"tool": Tracker("b4")}}, "The recording has no channel 'tool_position'; it has bend_position,"),
+        (
+            {"measured": {**recording.measured, "flange_position": quaternion}},
+            "'flange_position' (N, 3), got shape (100",
+        ),
         ({"measured": {**recording.measured, "flange_orientation": 2 * quaternion}}, "'flange_orientation' needs"),
     ):
         assert message in sentence_of(identified, replace(recording, **given))
@@ -307,5 +311,5 @@ def test_recordings_in_python_are_checked_too():
     check_tracked(mechanism(), rests, joints)
     forth = still["flange_position"] + np.outer(number, [1e-3, 0, 0])
     check_tracked(mechanism(), replace(rests, measured={**rests.measured, "flange_position": forth}), ())
-    with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
+    with pytest.raises(ident.InputError, match=r"tilt, poses 'flange'; it has turn, .*tilt\.$"):
         identified([recording, replace(recorded(1, seconds=1.0)[0], trackers={})])

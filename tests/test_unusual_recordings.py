@@ -50,7 +50,7 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
 
 def test_a_recording_that_is_too_short_is_called_that():
     few = r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"
-    for samples, message in ((15, few), (5, "needs more than 9 samples, got 5")):
+    for samples, message in ((15, few), (5, "needs at least 10 samples, got 5")):
         with pytest.raises(ident.InputError, match=message):
             ident.identify(PENDULUM, shortened(RECORDING, samples))
 

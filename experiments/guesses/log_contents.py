@@ -15,7 +15,7 @@ from ident.errors import LogError
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, files_of, has_several_clocks, name_of, read_clocks, read_files, read_tables
-from ident.files.table import FAR, TIME, TRUE, UNITS, Columns, Table, is_number
+from ident.files.table import FAR, LISTED, TIME, TRUE, UNITS, Columns, Table, is_number
 from ident.recordings.channels import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import clocks
 from ident.recordings.times import GAP, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
@@ -31,9 +31,6 @@ TRIAL = ".trc"
 
 ROUND = 2 * np.pi + 0.5
 """Largest angle of a joint that is plausible in radians."""
-
-LONG = 20.0
-"""Largest travel of a slide that is plausible in metres."""
 
 
 class ClockColumn(NamedTuple):
@@ -193,9 +190,9 @@ class LogContents:
         size = rate_factors(self.time, self.table(positions), self.table(rates))
         return np.any([is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180)], axis=0)
 
-    def summary(self, most: int = 100) -> list[str]:
-        """Lines on the file and on at most so many of its columns, those that change first."""
-        changing, names = dict(islice(self.columns.items(), most)), [f"{k} ({x:g})" for k, x in self.constant.items()]
+    def summary(self) -> list[str]:
+        """Lines on the file and on at most `LISTED` of its columns, those that change first."""
+        changing, names = dict(islice(self.columns.items(), LISTED)), [f"{k} ({x:g})" for k, x in self.constant.items()]
         size = max((len(name) for name in changing), default=0)
         headed = "" if all(each.header for each in self.layouts) else "; no header, so columns go by their numbers"
         lines = [
@@ -205,12 +202,12 @@ class LogContents:
         lines += [f"Lines before the table that are left out: {each.skip}." for each in self.layouts if each.skip]
         lines += self.notes
         lines += [f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}" for name, x in changing.items()]
-        lines += [f"  and {len(self.columns) - most} more that change"] if len(self.columns) > most else []
+        lines += [f"  and {len(self.columns) - LISTED} more that change"] if len(self.columns) > LISTED else []
         if self.markers:
-            lines.append(f"  positions of {len(self.markers)} markers: {listed(self.markers, most)}")
-        lines += [f"  never changing: {listed(names, most)}"] if names else []
-        lines += [f"  not read: {why}" for why in islice(self.unread.values(), most)]
-        return lines + ([f"  and {len(self.unread) - most} more not read"] if len(self.unread) > most else [])
+            lines.append(f"  positions of {len(self.markers)} markers: {listed(self.markers, LISTED)}")
+        lines += [f"  never changing: {listed(names, LISTED)}"] if names else []
+        lines += [f"  not read: {why}" for why in islice(self.unread.values(), LISTED)]
+        return lines + ([f"  and {len(self.unread) - LISTED} more not read"] if len(self.unread) > LISTED else [])
 
     def without_markers(self, sites: Collection[str]) -> "LogContents":
         """The contents without positions of markers: of a file that holds markers, or named like sites of the model."""

@@ -15,14 +15,13 @@ for some hundred samples while they are in the inner caches.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain
+from functools import partial, reduce
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
-from ident.errors import ExcitationError, InputError
+from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.noise import channel_scales, remembered
 from ident.estimation.samples import Samples
@@ -131,9 +130,7 @@ def _compiled_chunks(
 
 @dataclass(frozen=True, eq=False)
 class Accumulator:
-    """Sufficient statistics of least squares for the samples so far; accumulators of different samples add up.
-
-    The order of addition does not matter.
+    """Sufficient statistics of least squares for the samples so far.
 
     Attributes:
         names: Names of the r columns.
@@ -165,36 +162,16 @@ class Accumulator:
     def _triangle(self) -> np.ndarray:
         return self.factor[:, self.order]
 
-    def __add__(self, other: "Accumulator") -> "Accumulator":
-        """Accumulator of all samples of both.
-
-        Raises:
-            InputError: Their base parameters differ, or only one is weighted.
-        """
-        if (self.names, self.weighted) != (other.names, other.weighted):
-            raise InputError(
-                "Accumulators add that have the same base parameters and weighting, got "
-                f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
-            )
-        a, b = self, other
-        if not np.array_equal(a.factor, b.factor):
-            common = _factor(np.vstack([a.root, b.root])[:, a.order], a.order)
-            a, b = a._in(common, a.order), b._in(common, a.order)
-        return replace(a, grams=a.grams + b.grams, samples=a.samples + b.samples)
-
-    def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
-        """Accumulator in other coordinates, with their factor, triangular in an order."""
-        # A triangular solve, not a product with the inverse: coordinates of a joint at rest are ill-conditioned.
-        change = lapack.dtrtrs(factor[:, order], self.factor[:, order].T, trans=1)[0].T
-        return replace(self, factor=factor, order=order, grams=change.T @ self.grams @ change)
-
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """Accumulator with another chunk of samples."""
         now = replace(self, grams=self.grams + chunk.grams(self._triangle, None), samples=self.samples + chunk.samples)
         if _is_apart(now.gram, self._triangle):
             return now
         rows = np.vstack([self.root[:, self.order], chunk.rows(1).reshape(len(self.order), -1).T])
-        renewed = self._in(_factor(rows, self.order), self.order)
+        factor = _factor(rows, self.order)
+        # A triangular solve, not a product with the inverse: coordinates of a joint at rest are ill-conditioned.
+        change = lapack.dtrtrs(factor[:, self.order], self._triangle.T, trans=1)[0].T
+        renewed = replace(self, factor=factor, grams=change.T @ self.grams @ change)
         return replace(renewed, grams=renewed.grams + chunk.grams(renewed._triangle, None), samples=now.samples)
 
 
@@ -212,6 +189,7 @@ def accumulate(
     *,
     factor: np.ndarray | None = None,
     factors: np.ndarray | None = None,
+    before: Accumulator | None = None,
     checked: bool = False,
 ) -> Accumulator:
     """Accumulates samples, chunk by chunk.
@@ -219,9 +197,9 @@ def accumulate(
     Args:
         equations: Equations to fit.
         samples: Motion and measured channels.
-        factor: Coordinates to start from, so that accumulators add without a change of coordinates; by default those of
-            some of the samples.
+        factor: Coordinates to start from, by default those of some of the samples.
         factors: Weight by which each row is multiplied (N, C).
+        before: Accumulator of samples to which these are added, by default none.
         checked: True for samples from `pieces`: for few samples a check costs as much as the sum.
 
     Returns:
@@ -232,15 +210,14 @@ def accumulate(
     """
     samples = samples if checked else equations.checked(samples)
     parts, (order, _) = chunks(equations, samples, factors), equations.order(samples)
-    first = next(parts)
-    if factor is None:
-        rows = first.rows(max(1, first.samples // max(PROBE, len(order))))
-        factor = _factor(rows.reshape(len(order), -1).T, order)
-    weighted = samples.covariance is not None or factors is not None
-    total = Accumulator(equations.names, factor, order, np.zeros((len(equations.channels), *factor.shape)), 0, weighted)
-    for chunk in chain([first], parts):
-        total = total.with_chunk(chunk)
-    return total
+    if before is None:
+        first = next(parts)
+        if factor is None:
+            rows = first.rows(max(1, first.samples // max(PROBE, len(order))))
+            factor = _factor(rows.reshape(len(order), -1).T, order)
+        weighted, grams = samples.covariance is not None or factors is not None, np.zeros((1, *factor.shape))
+        before = Accumulator(equations.names, factor, order, grams, 0, weighted).with_chunk(first)
+    return reduce(Accumulator.with_chunk, parts, before)
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:

@@ -1,12 +1,7 @@
-"""Samples for identification: a motion and measured channels, in one piece or many; and an ordered map over pieces."""
+"""Samples for identification: a motion and measured channels, in one piece or many."""
 
-import os
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import TypeVar
 
 import numpy as np
 
@@ -15,9 +10,6 @@ from ident.errors import InputError
 from ident.mechanism import motion
 from ident.mechanism.motion import Motion, Which
 from ident.mechanism.tree import Tree
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,38 +120,3 @@ def joined(parts: Sequence[Samples]) -> Samples:
 def arrays_of(samples: Samples) -> dict[str, np.ndarray]:
     """Arrays by their names in messages."""
     return {"q": samples.motion.q, "dq": samples.motion.dq, "ddq": samples.motion.ddq, "measured": samples.measured}
-
-
-def in_order(
-    executor: Executor, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int | None = None
-) -> Generator[Result, None, None]:
-    """Yields `map(function, items)` computed by an executor, in the order of the items.
-
-    An item is drawn and submitted only when fewer than `ahead` results are pending or not yet taken, so that items may
-    be large and endless. Pending work is cancelled when the iterator is closed or anything fails; an error is raised
-    at its item's turn, after the results of all items before it.
-
-    Args:
-        executor: Any executor: threads, processes, a cluster's. It stays open.
-        function: Function of an item; for other processes a module-level function or a partial of one.
-        items: Arguments, drawn one by one in the thread that takes the results.
-        ahead: Largest number of items submitted and not yet taken; more than the number of workers keeps all of them
-            busy. By default twice the number of local processors.
-
-    Raises:
-        InputError: `ahead` is not positive.
-    """
-    ahead = 2 * (os.cpu_count() or 1) if ahead is None else ahead
-    if ahead < 1:
-        raise InputError(f"At least one item must be submitted ahead, got {ahead}.")
-    waiting = iter(items)
-    pending: deque[Future[Result]] = deque()
-    try:
-        while True:
-            pending.extend(executor.submit(function, item) for item in islice(waiting, ahead - len(pending)))
-            if not pending:
-                return
-            yield pending.popleft().result()
-    finally:
-        for future in pending:
-            future.cancel()

@@ -9,8 +9,9 @@
 6. Set-up errors and further friction are freed one by one (`ident.trajectory.setup_search`).
 7. The estimate converges (`SETTLED`): fits before it end once what they decide would not change any more (`NEAR`).
 
-Moves 2, 4 and 5 share one test, `better`. Standard deviations follow from noise that is estimated independently of the
-weights (`ident.trajectory.fit.sandwich`).
+Moves 2, 4 and 5 share one test, `better`. All but knots, of which each recording keeps its own, are kept or undone by
+`ident.trajectory.left_out.after`. Standard deviations follow from noise that is estimated independently of the weights
+(`ident.trajectory.fit.sandwich`).
 """
 
 from collections import defaultdict
@@ -25,17 +26,17 @@ from ident.errors import ExcitationError
 from ident.estimation.preparation import length
 from ident.estimation.setup_parameters import SetupParameter
 from ident.parameters.consistency import consistent_parameters
-from ident.tolerances import SIGNIFICANT
+from ident.tolerances import ROUNDING, SIGNIFICANT
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import TINIEST, Start, TrajectoryFit, inverse_of_precision
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
-from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
+from ident.trajectory.left_out import CLEARLY, Move, after, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import speeds
-from ident.trajectory.setup_search import searched
+from ident.trajectory.setup_search import SearchSpace, searched
 from ident.trajectory.stages import EXPLORED, Stages
 from ident.trajectory.start import likely_delay, smoothed
 
@@ -44,10 +45,6 @@ SMALLER = 0.985
 
 MUCH = 0.7
 """The same ratio below which knots are made four times as dense at once, as for a joint with friction."""
-
-TRIES = 2
-"""Number of knot spacings tried without a decrease of the noise, where residuals are correlated over less than the knot
-spacing: a single halving may be too little to follow a touch."""
 
 WORTH_A_PRIOR = 0.1
 """Decrease of the mean log error of left-out pieces with which exploring fits take a prior. It stands in for errors of
@@ -71,8 +68,8 @@ rubs ends at 1.00, from 1.03 while θ moves by 24."""
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
-KNOTS_PER_SAMPLE, SLACK = 2.0, 1e-6
-"""Least number of samples per knot, and relative tolerance of that limit."""
+KNOTS_PER_SAMPLE = 2.0
+"""Least number of samples per knot."""
 
 ROUGHER = 1e3
 """Factor by which smoothness that was estimated while set-up errors were in the residuals begins lower than it ended.
@@ -108,20 +105,17 @@ def explored(stages: Stages, steps: Sequence[float], share: int, finest: Sequenc
         if share == 1:
             raise
         return explored(stages, steps, share // 2, finest)
-    near, far = correlated(best)
-    patience = np.where((near & ~far).any(axis=1), TRIES, 1)
-    tries, parts = np.where(near.any(axis=1), patience, 0), np.full(len(patience), 2)
+    tried, parts = correlated(best)[0].any(axis=1), np.full(len(steps), 2)
     chosen, noise = np.array(steps), _log_noise(best)
     try:
-        while (tried := (tries > 0) & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
+        while (tried := tried & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
             # Rounded down to the smallest one if nearly as small.
             pairs = zip(last.steps / parts, finest, strict=True)
             denser = [least if own < np.sqrt(2) * least else own for own, least in pairs]
             last = stages.denser(last, np.where(tried, denser, chosen).tolist(), share)
             ratio = np.exp((_log_noise(last) - noise).mean(axis=1))
-            kept, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
-            chosen, noise = np.where(kept, last.steps, chosen), np.where(kept[:, None], _log_noise(last), noise)
-            tries = np.where(kept, patience, tries - tried)
+            tried, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
+            chosen, noise = np.where(tried, last.steps, chosen), np.where(tried[:, None], _log_noise(last), noise)
             best = last if (chosen == last.steps).all() else best
         if (chosen != best.steps).any() and last.fit.status != "interrupted":
             return stages.denser(last, chosen.tolist(), share)
@@ -193,16 +187,16 @@ def whole(stages: Stages, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
     Noise that is correlated there has to predict all pieces better as well: white noise is the more robust choice.
     The covariance of its gradient is that of the fewer pieces, by numbers of samples: enough for score tests.
     """
-    pieces, selected, counts = stages.cut(estimate.steps, 1)
+    pieces = stages.cut(estimate.steps, 1)
     alone = smoothed(pieces, estimate.fit.noises, executor=stages.executor)
     if estimate.reversals is not None:
-        theta = [estimate.fit.theta[own] for own in selected]
+        theta = [estimate.fit.theta[stages.of_recording[piece.log]] for piece in pieces]
         rates = [speeds(stages.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
         pieces = estimate.reversals.opened(pieces, rates)
-    begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
+    begun = replace(estimate.fit, pieces=pieces, coefficients=alone.coefficients)
     begun = replace(begun, theta=np.where(begun.free | ~stages.is_setup, begun.theta, stages.prior.mean))
     begun = replace(begun, noises=[replace(own, channels_rho=0 * own.channels_rho) for own in begun.noises])
-    out = stages.refitted(replace(estimate.with_fit(begun.unbound), counts=counts, coloured=False))
+    out = stages.refitted(replace(estimate.with_fit(begun.unbound), coloured=False))
     out = _coloured(stages, out) if estimate.coloured else out
     if out.fit.status == "interrupted":
         return out
@@ -214,17 +208,20 @@ def with_setup_errors(stages: Stages, estimate: TrajectoryEstimate) -> Trajector
     estimate = _with_weighted_prior(stages, estimate if estimate.fit.scatters else stages.scattered(estimate))
     if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
         return estimate
-    refit = stages.refit_of(estimate, shares=False)
 
-    def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-        return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
+    def scattered(begin: TrajectoryFit) -> TrajectoryFit:
+        return with_scatter(estimate.measurement, stages.fitted(estimate, begin, shares=False), every=False)
 
     far = [at for at, each in stages.setup.items() if each.row.far and stages.search]
     delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
-    candidates, least = stages.is_setup & ~stages.is_estimated & stages.search, _unfollowed(stages, estimate)
-    drives, groups = stages.is_drive & ~estimate.fit.unbound.free, _groups(stages.setup, len(stages.names))
-    search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, stages.gross)
-    return replace(estimate, search=search)
+    space = SearchSpace(
+        setup=stages.is_setup & ~stages.is_estimated & stages.search,
+        drives=stages.is_drive & ~estimate.fit.unbound.free,
+        least=_unfollowed(stages, estimate),
+        gross=stages.gross,
+        groups=_groups(stages.setup, len(stages.names)),
+    )
+    return replace(estimate, search=searched(estimate.search, scattered, space, delays))
 
 
 def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:
@@ -233,7 +230,7 @@ def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:
     half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
     between = [float(np.median(np.diff(piece.when))) for piece in pieces]
     pairs = zip((estimate.steps[piece.log] for piece in pieces), between, strict=True)
-    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + SLACK)), default=0.0)
+    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + ROUNDING)), default=0.0)
     for at, each in stages.setup.items():
         if each.row.shift is not None:
             out[at] = UNFOLLOWED * step / abs(each.row.shift(half))
@@ -310,18 +307,14 @@ def better(
         other: Function that returns the other one, which may not be determined.
         margin: Decrease of the mean log error from which it is better.
     """
-    if usual.fit.status == "interrupted" or len(usual.fit.pieces) < 2:
-        return usual
-    try:
-        tried = other()
-    except (ExcitationError, np.linalg.LinAlgError):
-        return usual
-    if tried.fit.status == "interrupted":
-        return tried
-    both = usual, tried
-    least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
-    errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
-    return replace(both[clearly_less(errors[0], errors[1], margin)], errors={**usual.errors, name: errors})
+    errors = dict(usual.errors)
+
+    def kept(tried: TrajectoryEstimate) -> bool:
+        least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
+        errors[name] = np.array([prediction_errors(each.measurement, each.fit, least) for each in (usual, tried)])
+        return clearly_less(errors[name][0], errors[name][1], margin)
+
+    return replace(after(usual, Move(other, kept)), errors=errors) if len(usual.fit.pieces) > 1 else usual
 
 
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
@@ -378,7 +371,7 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
     and the noise are fitted again; that changes ψ*, and the two steps alternate until ψ converges. Covariances are
     those without the condition, which adds little information where noise alone violates it.
     """
-    fit, refit, equations = estimate.fit, stages.refit_of(estimate, settled=SETTLED), stages.measurement.equations
+    fit, equations = estimate.fit, stages.measurement.equations
     mechanism, parameters, rank = equations.mechanism, equations.parameters, equations.parameters.rank
     absorbed, is_psi = equations.from_drives[:rank], np.arange(len(fit.theta)) < rank
     held = fit
@@ -390,8 +383,8 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
         )
         psi = bodies.psi + absorbed
         step = np.abs(psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
-        begin = replace(held.end, theta=np.r_[psi, held.theta[rank:]])
-        held = refit(begin, fit.free & ~is_psi, iteration.ROUNDS)
+        begin = replace(held, theta=np.r_[psi, held.theta[rank:]], free=fit.free & ~is_psi)
+        held = stages.fitted(estimate, begin, settled=SETTLED)
         if step.max() < RESTS or held.status == "interrupted":
             break
     if held is not fit:

@@ -92,7 +92,7 @@ def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         reached.append("the second one at once is ignored")
-        monkeypatch.setattr(running, "AT_ONCE", 0.0)
+        monkeypatch.setattr(running, "GRACE", 0.0)
         signal.raise_signal(signal.SIGINT)
         reached.append("the third one later is not")
 
@@ -279,15 +279,14 @@ def test_the_shell_completes_commands_and_options(tmp_path):
 
 
 @pytest.mark.usefixtures("here")
-def test_threads_share_pieces_of_recordings_of_medium_length(monkeypatch):
+def test_threads_share_pieces_of_recordings_for_which_processes_do_not_pay(monkeypatch):
     """Unless linear algebra has threads of its own, or one worker is asked for."""
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     for work, workers, threads, kind in (
-        (identify.THREADED - 1, None, "1", type(None)),
-        (identify.THREADED, None, "1", ThreadPoolExecutor),
-        (identify.THREADED, 1, "1", type(None)),
-        (identify.THREADED, 2, "1", Here),
-        (identify.THREADED, None, "4", type(None)),
+        (identify.PAYS - 1, None, "1", ThreadPoolExecutor),
+        (identify.PAYS - 1, 1, "1", type(None)),
+        (identify.PAYS - 1, 2, "1", Here),
+        (identify.PAYS - 1, None, "4", type(None)),
         (identify.PAYS, None, "1", Here),
     ):
         for name in THREADS:

@@ -68,16 +68,6 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition)
     assert max(whole, in_pieces) <= max(2 * lapacks, 5e-14)
 
 
-def test_accumulators_add_in_any_order():
-    known, sizes = equations(TILTED), (1.0, 1e-6, 0.1, 2.0)
-    a, b, c, d = (accumulate(known, moved_by(size, 90, seed=k, tree=TILTED)) for k, size in enumerate(sizes))
-    first, *others = (solve(each, known) for each in ((a + b) + (c + d), ((d + b) + a) + c, a + (c + (d + b))))
-    for fit in others:
-        np.testing.assert_allclose(fit.psi, first.psi, rtol=1e-9, atol=1e-10)
-        np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-13)
-        np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
-
-
 def test_a_motion_after_a_long_rest_is_as_accurate_as_alone():
     """Coordinates of samples at rest are renewed where joints move, in later chunks and in later pieces."""
     base, posture = find_base_parameters(STRAIGHT, gravity=GRAVITY), np.zeros((2 * CHUNK, 2))
@@ -94,18 +84,10 @@ def test_a_motion_after_a_long_rest_is_as_accurate_as_alone():
         np.testing.assert_allclose(fit.residual_norms, alone.residual_norms, rtol=1e-6)
 
 
-def test_what_does_not_belong_together_does_not_add():
-    samples, one = moved_by(1.0, 100), equations(STRAIGHT)
+def test_an_accumulator_is_of_its_columns():
     apart = STRAIGHT.with_twists([[0, 0, 0, *tilted_axis(5, 120)], [0, 0, 0, *tilted_axis(9, 30)]])
-    a, b = (accumulate(each, samples) for each in (one, equations(apart)))
-    with pytest.raises(ValueError, match="same base parameters and weighting"):
-        a + b
-    with pytest.raises(ValueError, match=r"weighted: False\) and .* \(True\)"):
-        a + accumulate(one, replace(samples, covariance=np.eye(6)))
     with pytest.raises(ValueError, match=r"accumulated for m1, .*, not for m1, "):
-        solve(b, one)
-    with pytest.raises(ValueError, match="a row for each of 0 samples"):
-        accumulate(one, samples[:0])
+        solve(accumulate(equations(apart), moved_by(1.0, 100)), equations(STRAIGHT))
 
 
 def test_memory_is_flat(monkeypatch):
@@ -118,8 +100,8 @@ def test_memory_is_flat(monkeypatch):
         tracemalloc.stop()
         return most / 1e6
 
-    long = moved_by(1.0, 20 * CHUNK)
-    few, many = (peak(fitted, STRAIGHT, each) for each in (long[: 6 * CHUNK], long))
+    long = moved_by(1.0, 40 * CHUNK)
+    few, many = (peak(fitted, STRAIGHT, each) for each in (long[: 12 * CHUNK], long))
     assert many < 1.1 * few < 10
     assert peak(fitted, STRAIGHT, (moved_by(1.0, CHUNK, seed=k) for k in range(20))) < 10
     monkeypatch.setattr("ident.regression.ordinary.PIECE", 2 * CHUNK)

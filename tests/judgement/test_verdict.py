@@ -11,9 +11,9 @@ from recorded_faults import PENDULUM, angles_and_wrench
 
 import ident
 from ident.judgement.finding import Finding
-from ident.judgement.fit_findings import NOTABLY
 from ident.judgement.verdict import Outcome, Verdict, decided
 from ident.setup import PRIORS
+from ident.tolerances import NOTABLY
 
 
 def swung(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):

@@ -17,7 +17,7 @@ from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters import independent_columns
 from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.independent_columns import DEPENDENT
+from ident.tolerances import ROUNDING
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
@@ -136,7 +136,7 @@ def plainly_exchanged(order, made, largest):
     for j in range(made.shape[1]):
         share = np.where(kept > j, abs(made[:, j]), 0)
         i = int(share.argmax())
-        if j in kept or share[i] <= DEPENDENT:
+        if j in kept or share[i] <= ROUNDING:
             continue
         row = made[i] / made[i, j]
         after = made - np.outer(made[:, j], row)

@@ -18,7 +18,6 @@ from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.parameters.person_prior import SEXES, TABLES, Person, Placed, segments, with_person
 from ident.parameters.prior import (
-    DRIVE_KNOWN,
     KNOWN,
     OPEN,
     UNKNOWN,
@@ -95,11 +94,11 @@ def test_the_variances_that_bayes_rule_leaves():
 def test_drives_are_known_as_the_model_states_them_and_others_not_at_all():
     """As columns of their own, and as parts of base parameters."""
     arm, names = driven_arm.mechanism(), ("Ia(turn)", "Fv(lift)", "K(bend)")
-    np.testing.assert_allclose(drive_precision(arm, names, {"lift"}), [(DRIVE_KNOWN * 0.2) ** -2, 0, 0])
+    np.testing.assert_allclose(drive_precision(arm, names, {"lift"}), [0.2**-2, 0, 0])
     base, own = find_base_parameters(arm), np.random.default_rng(0).normal(size=20)
     before = known_covariance(arm, base)
     total, own = np.trace(before), own[: base.rank]
-    for name, variance in (("Ia(turn)", (DRIVE_KNOWN * 0.2) ** 2 * own @ own), ("K(bend)", UNKNOWN**2 * total)):
+    for name, variance in (("Ia(turn)", 0.2**2 * own @ own), ("K(bend)", UNKNOWN**2 * total)):
         added = known_covariance(arm, base, absorbed={name: own}) - before
         np.testing.assert_allclose(added, variance * np.outer(own, own) / (own @ own), rtol=1e-5, atol=1e-9 * variance)
     at_rest = known_covariance(arm, base, absorbed={"Ia(turn)": 0 * own})

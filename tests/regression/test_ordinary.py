@@ -1,6 +1,5 @@
 """Least squares in one pass, and covariances by a second one."""
 
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from itertools import pairwise
 
@@ -33,13 +32,6 @@ Y = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY)
 
 def identified(wrench, covariance=None):
     return fitted(TREE, sampled(*STATES, wrench, covariance=covariance), parameters=BASE)
-
-
-@pytest.mark.parametrize("covariance", [None, CONSTANT, MOVING])
-def test_without_noise_the_truth_comes_back(covariance):
-    estimate = identified(Y @ PHI, covariance)
-    np.testing.assert_allclose(estimate.psi, TRUTH, atol=1e-11)
-    assert estimate.epsilon < 1e-9 and (covariance is not None or estimate.rows == 5 * 200)
 
 
 @pytest.mark.parametrize("weights", [None, STD])
@@ -78,7 +70,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_any_split_gives_the_same_answer(seed):
-    """In any order, by one process or several threads."""
+    """In any order."""
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, 4, kinds=("revolute", "ball"))
     states = random_states(rng, tree, 500)
@@ -88,10 +80,9 @@ def test_any_split_gives_the_same_answer(seed):
     parts = [whole[a:b] for a, b in pairwise(cuts) if a < b]
     rng.shuffle(parts)
     first = fitted(tree, whole)
-    with ThreadPoolExecutor(2) as pool:
-        for fit in (fitted(tree, parts), fitted(tree, iter(parts), executor=pool)):
-            for name in ("psi", "covariance", "residual_norms", "singular_values"):
-                np.testing.assert_allclose(getattr(fit, name), getattr(first, name), rtol=1e-8, atol=1e-11)
+    fit = fitted(tree, iter(parts))
+    for name in ("psi", "covariance", "residual_norms", "singular_values"):
+        np.testing.assert_allclose(getattr(fit, name), getattr(first, name), rtol=1e-8, atol=1e-11)
 
 
 def triangle_with(share):
@@ -100,27 +91,20 @@ def triangle_with(share):
     return np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
 
 
-def noise_of(level):
-    """Ten rows that represent those of ten samples, six times as many."""
-    return np.tile([level / np.sqrt(60), 0, 0], (10, 1))
-
-
 @pytest.mark.parametrize(
-    ("triangle", "noise", "message"),
+    ("triangle", "message"),
     [
-        (np.array([[1, 1, 0], [0, 4e-10, 0], [0, 0, 1.0]]), None, None),
-        (np.array([[1, 1, 0], [0, 1e-10, 0], [0, 0, 1.0]]), None, "parameters a, b: 2 of 3"),
-        (np.eye(3), noise_of(0.65), None),
-        (np.eye(3), noise_of(0.68), "parameters a: 2 of 3"),
-        (triangle_with(0.05), None, "parameters a, b: 2 of 3"),
-        (triangle_with(0.2), None, "parameters a, b, c: 2 of 3"),
-        (np.zeros((3, 3)), None, "parameters a, b, c: 0 of 3"),
+        (np.array([[1, 1, 0], [0, 4e-10, 0], [0, 0, 1.0]]), None),
+        (np.array([[1, 1, 0], [0, 1e-10, 0], [0, 0, 1.0]]), "parameters a, b: 2 of 3"),
+        (triangle_with(0.05), "parameters a, b: 2 of 3"),
+        (triangle_with(0.2), "parameters a, b, c: 2 of 3"),
+        (np.zeros((3, 3)), "parameters a, b, c: 0 of 3"),
     ],
 )
-def test_what_counts_as_excited_and_who_is_named(triangle, noise, message):
-    """Columns at a small angle exceed rounding errors, and columns half as long again as their noise exceed it."""
+def test_what_counts_as_excited_and_who_is_named(triangle, message):
+    """Columns at a small angle exceed rounding errors."""
     with pytest.raises(ExcitationError, match=message) if message else nullcontext():
-        check_excitation(triangle, ("a", "b", "c"), 10, *([] if noise is None else [noise]))
+        check_excitation(triangle, ("a", "b", "c"), 10)
 
 
 def test_a_message_on_many_parameters_is_no_page_long():

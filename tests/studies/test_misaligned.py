@@ -11,7 +11,7 @@ from stand_ins import undetermined
 
 from experiments import misaligned
 from experiments.data import paper
-from experiments.data.fitting import trajectory_fit
+from experiments.data.fitting import trajectory_estimate
 from experiments.data.simulated_study import SimulatedStudy, tilts, wrench_error
 from experiments.document.figures import SHEET
 from experiments.reports import study_report
@@ -81,7 +81,7 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 @pytest.mark.usefixtures("undrawn")
 def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
     """The same bytes of the same seed."""
-    for estimate in ("simulated_study.trajectory_fit", "fitting.trajectory_estimate"):
+    for estimate in ("simulated_study.trajectory_estimate", "fitting.trajectory_estimate"):
         monkeypatch.setattr(f"experiments.data.{estimate}", undetermined)
     first, again = tmp_path / "first", tmp_path / "again"
     for out in (first, again):
@@ -170,11 +170,11 @@ def test_a_tilt_that_is_left_as_drawn_is_empty_and_wrong_axes_are_called_that(st
     axes = study.estimated_axes("searched")
     first, last = axes.separate
     left = replace(axes, separate=(replace(first, influence=0 * first.influence), last))
-    monkeypatch.setitem(study._searched, "searched", left)
+    monkeypatch.setitem(vars(study), "searched", left)
     rows = list(tilts(study, ["searched"]).values())
     assert {row[f"{name}_searched_deg"] for row in rows[:2] for name in ("tilt", "std")} == {None}
     assert min(row["std_searched_deg"] for row in rows[2:]) > 0.01
     for tree, wrong in ((axes.tree, False), (study.known.tree, True)):
-        monkeypatch.setitem(study._searched, "searched", replace(axes, tree=tree))
+        monkeypatch.setitem(vars(study), "searched", replace(axes, tree=tree))
         (sentence,) = (line for line in study_report.lines(study) if line.startswith("Axes found"))
         assert sentence.endswith(", which does not cover that: these are not the true axes") == wrong, sentence
