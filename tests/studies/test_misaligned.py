@@ -74,8 +74,8 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
     kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
-    trial = trajectory_fit(study.mechanism("full_on_table"), recording, fitted.base)
-    np.testing.assert_array_equal([trial.psi, trial.std], [joint.psi, joint.std])
+    alone = trajectory_estimate(study.mechanism("full_on_table"), recording, fitted.base)
+    np.testing.assert_array_equal([alone.psi, alone.std_setup], [joint.psi, joint.std])
 
 
 @pytest.mark.usefixtures("undrawn")
