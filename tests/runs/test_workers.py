@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from functools import partial
-from itertools import count
 
 import pytest
 from tasks import blocked_signals, die, refuse, size, unpicklable, wait_for_others
@@ -15,7 +14,6 @@ from experiments.cli import options, running
 from experiments.runs import THREADS, environment, one_thread_each
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
 from ident.errors import InputError
-from ident.estimation.samples import in_order
 
 LARGE = bytes(2_000_000)  # More bytes than a pipe holds.
 
@@ -44,7 +42,8 @@ def test_local_workers_are_other_processes_with_one_thread_which_ignore_requests
 
 def test_a_dead_worker_is_one_sentence_however_large_the_tasks_are():
     with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
-        list(in_order(pool, die, (LARGE for _ in count()), ahead=8))
+        for task in [pool.submit(die, LARGE) for _ in range(8)]:
+            task.result()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes to several processes are POSIX")

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments.human import main
 from experiments.reports import human_report
+from experiments.reports.human_report import measured
 from experiments.studies import person_on_plates
 from experiments.studies.person_recordings import BASE, SENSORS, Faults, Laboratory, drawn, humanoid, moved, recorded
 from ident.judgement.residuals import fast_noise
@@ -168,3 +169,8 @@ def test_angles_from_markers_are_as_good_as_they_are_said_to_be(skin, z, noise, 
     assert z[0] < np.sqrt(np.mean(np.square(distances))) < z[1]
     assert noise[0] < marked.provenance["sigma_m"] < noise[1]
     assert np.abs(marked.base - exact.base)[:, :3, 3].max() < off
+
+
+def test_noise_of_angles_is_not_stated_of_markers():
+    assert measured(Laboratory(markers=True)).endswith("markers, with noise of 2 mm, on skin that moves by 4 mm.")
+    assert measured(Laboratory(2.0, 0.9)) == "Angles have noise of 2°, correlated at 0.9 from sample to sample."
