@@ -96,7 +96,7 @@ def random_program(rng, length):
 
 def test_random_programs_that_combine_operations_give_what_numpy_gives():
     rng = np.random.default_rng(0)
-    for length in (*range(1, 20), *range(1, 20)):
+    for length in range(1, 20):
         program, x = random_program(rng, length), rng.normal(size=(INPUTS, BLOCK))
 
         def ran(program=program, x=x):

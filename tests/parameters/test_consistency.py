@@ -80,7 +80,7 @@ def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_p
 @pytest.mark.parametrize(("seed", "attainable"), [(0, True), (4, False)])
 def test_units_do_not_matter(seed, attainable):
     """Tonnes and millimetres give the same bodies."""
-    base, truth, prior, covariance = problem(seed)
+    base, truth, prior, covariance = problem(seed, 3)
     psi = base.regroup(truth) if attainable else -base.regroup(truth)
     power = [0 if name == "m" else 1 if name.startswith("mr") else 2 for name in inertia.PARAMETERS]
     scale = np.tile(1e-3 * 1e3 ** np.array(power, float), len(prior) // 10)
