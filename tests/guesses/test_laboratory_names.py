@@ -61,8 +61,8 @@ def mapped(belief, kind):
 @pytest.mark.parametrize(
     ("position", "torque"),
     [
-        *(("axis{}", "torque{}"), ("A{}", "M{}"), ("J{}", "T{}"), ("q{}", "u{}"), ("jointpos{}", "jointtorque{}")),
-        *(("Achse{}", "Drehmoment{}"), ("{n}_rad", "{n}_nm"), ("{n}Pos", "{n}Tau")),
+        *(("axis{}", "torque{}"), ("A{}", "M{}"), ("q{}", "u{}"), ("jointpos{}", "jointtorque{}")),
+        *(("Gelenk{} Winkel", "Gelenk{} Moment"), ("{n}_rad", "{n}_nm"), ("{n}Pos", "{n}Tau")),
         ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"),
     ],
 )
@@ -85,7 +85,7 @@ def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     ("measured", "commanded"),
     [
         *(("observation.state.{n}.position", "action.{n}.position"), ("observation.state.{n}", "action.{n}")),
-        *(("{n}_pos", "{n}_goal"), ("{n}_pos", "goal_{n}"), ("{n}_pos", "{n}_command"), ("position_{n}", "q_d_{n}")),
+        *(("{n}_pos", "{n}_goal"), ("{n}_pos", "{n}_command"), ("position_{n}", "q_d_{n}")),
         *(("{n}.present_position", "{n}.goal_position"), ("{n} ist", "{n} soll")),
     ],
 )

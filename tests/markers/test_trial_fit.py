@@ -16,7 +16,7 @@ from sim.markers.marked_model import base_of, marked_model
 from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 
-FRAMES = 60
+FRAMES = 40
 
 
 @pytest.fixture(scope="module")
