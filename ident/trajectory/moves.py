@@ -46,6 +46,10 @@ SMALLER = 0.985
 MUCH = 0.7
 """The same ratio below which knots are made four times as dense at once, as for a joint with friction."""
 
+TRIES = 2
+"""Number of knot spacings tried without a decrease of the noise, where residuals are correlated over less than the knot
+spacing: a single halving may be too little to follow a touch."""
+
 WORTH_A_PRIOR = 0.1
 """Decrease of the mean log error of left-out pieces with which exploring fits take a prior. It stands in for errors of
 the set-up, too, which are found later: somebody who bows gains .06 and is predicted worse with it in the end, a UR10
@@ -105,17 +109,20 @@ def explored(stages: Stages, steps: Sequence[float], share: int, finest: Sequenc
         if share == 1:
             raise
         return explored(stages, steps, share // 2, finest)
-    tried, parts = correlated(best)[0].any(axis=1), np.full(len(steps), 2)
+    near, far = correlated(best)
+    patience = np.where((near & ~far).any(axis=1), TRIES, 1)
+    tries, parts = np.where(near.any(axis=1), patience, 0), np.full(len(patience), 2)
     chosen, noise = np.array(steps), _log_noise(best)
     try:
-        while (tried := tried & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
+        while (tried := (tries > 0) & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
             # Rounded down to the smallest one if nearly as small.
             pairs = zip(last.steps / parts, finest, strict=True)
             denser = [least if own < np.sqrt(2) * least else own for own, least in pairs]
             last = stages.denser(last, np.where(tried, denser, chosen).tolist(), share)
             ratio = np.exp((_log_noise(last) - noise).mean(axis=1))
-            tried, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
-            chosen, noise = np.where(tried, last.steps, chosen), np.where(tried[:, None], _log_noise(last), noise)
+            kept, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
+            chosen, noise = np.where(kept, last.steps, chosen), np.where(kept[:, None], _log_noise(last), noise)
+            tries = np.where(kept, patience, tries - tried)
             best = last if (chosen == last.steps).all() else best
         if (chosen != best.steps).any() and last.fit.status != "interrupted":
             return stages.denser(last, chosen.tolist(), share)
