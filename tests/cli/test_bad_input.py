@@ -29,6 +29,8 @@ TEXTS = {
     "rigid.xml": ALONE.format(""),
     "both.xml": ALONE.format('<joint name="s" type="slide" range="-1 1"/><joint name="b" type="ball"/>'),
     "endless.xml": ALONE.format('<joint name="j"/>'),
+    "four_bar.xml": FOUR_BAR,
+    "truss.xml": FOUR_BAR.replace("<connect", "<weld"),
     "driven.xml": FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"),
     "held.xml": SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'),
     "empty.csv": "",
