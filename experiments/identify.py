@@ -26,9 +26,6 @@ PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "del
 PAYS = 30_000
 """Samples times joints above which several processes save more time than they take to start."""
 
-THREADED = 10_000
-"""Samples times joints above which threads share the pieces: a UR10's 20,000 took .7 of the time on two busy cores."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
@@ -101,7 +98,7 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
 
         with worker_pool(number) as executor:
             yield executor
-    elif work >= THREADED and one_thread_each():
+    elif one_thread_each():
         with ThreadPoolExecutor(number) as threads:
             yield threads
     else:

@@ -14,6 +14,19 @@ FAR_BETTER = 0.5
 """Error of one explanation over that of another, for loads their squares, below which it is far better. On simulated
 arms of seven joints the square is below 0.1 with loads, and from 0.9 up with factors of units and gears."""
 
+AGREES = 0.8
+"""Share of a column's variance from which a prediction is one of that column."""
+
+NOTABLY = 1.1
+"""Ratio of two errors from which the smaller one is better."""
+
+CLEARLY = 1.25
+"""Ratio of two errors from which the smaller one is clearly better: of a hundred independent samples, more than which
+few held-out parts have, the root mean square is known to 7 % and the ratio of two to 10 %."""
+
+AT_ONCE = 2_000_000
+"""Numbers of intermediate arrays that are in memory at the same time; more would not stay in the cache."""
+
 ZERO_COLUMN = 1e-11
 """Norm of a column, relative to the largest, below which it is zero up to rounding."""
 
@@ -25,6 +38,9 @@ CONDITION_LIMIT = 1e4
 
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
+
+LEAST_SAMPLES = 10
+"""Fewest samples that a log needs, and fewest poses from which an axis is recovered."""
 
 SIGNIFICANT = 1e-3
 """Significance level of the tests behind a verdict."""
@@ -62,6 +78,9 @@ USUAL_DRIVE = ("rotor", "viscous", "coulomb")
 
 STRIBECK = 0.1
 """Velocity at which the Stribeck friction has halved, rad/s or m/s."""
+
+NAMED = 4
+"""Largest number of parameters, bodies or other things that a sentence names; more are counted."""
 
 INTERVAL = 1.959964
 """Half-width of a 95 % interval, standard deviations."""

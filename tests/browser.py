@@ -28,7 +28,6 @@ class Browser:
         self.session = session
 
     def call(self, command, **content):
-        """Answer to a command with a body."""
         return _post(f"{self.session}/{command}", content)
 
     def open(self, path, *, width=1200, height=900, dark=False):
@@ -43,15 +42,12 @@ class Browser:
         self.run(LOADED)
 
     def devtools(self, command, **parameters):
-        """Answer to a command of the browser's own protocol."""
         return self.call("goog/cdp/execute", cmd=command, params=parameters)
 
     def run(self, script, *arguments):
-        """Return value of a script, or of its promise."""
         return self.call("execute/sync", script=script, args=list(arguments))
 
     def element(self, selector):
-        """The first element that a selector finds."""
         return self.call("element", using="css selector", value=selector)[ELEMENT]
 
     def click(self, selector):
@@ -69,7 +65,6 @@ class Browser:
         self.call("actions", actions=[{"type": "pointer", "id": "mouse", "actions": [there, down, back, up]}])
 
     def log(self, kind):
-        """New log entries: messages of the `browser`, or events of the `performance` log."""
         return [entry["message"] for entry in self.call("se/log", type=kind)]
 
     def requests(self):

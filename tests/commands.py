@@ -29,10 +29,8 @@ def sentence_of(call, *given, **options):
 
 
 def rows_of(path):
-    """Rows of a CSV file by its columns."""
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def entries_of(path):
-    """Entries of a JSON file."""
     return json.loads(path.read_text(encoding="utf-8"))

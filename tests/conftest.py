@@ -30,7 +30,6 @@ FIRST = (
 
 
 def pytest_collection_modifyitems(items):
-    """Puts the tests of these files first."""
     places = {name: k for k, name in enumerate(FIRST)}
     items.sort(key=lambda item: places.get("/".join(item.path.parts[-2:]), len(FIRST)))
 

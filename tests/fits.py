@@ -2,11 +2,7 @@
 
 from mechanisms import GRAVITY
 
-from ident.estimation.equations import Equations
-from ident.estimation.samples import Samples
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
-from ident.regression.ordinary import least_squares
+from ident import Equations, Mechanism, Motion, Samples, least_squares
 
 
 def sampled(q, dq, ddq, measured, base=None, covariance=None):

@@ -8,11 +8,9 @@ import numpy as np
 
 import sim
 from experiments.studies.person_recordings import from_markers
+from ident import Motion, Recording, base_wrench_regressor
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
-from ident.mechanism.motion import Motion
-from ident.model.regressor import base_wrench_regressor
 from ident.parameters.person_prior import Person, Placed, with_person
-from ident.recordings.recording import Recording
 
 LENGTHS = {"shank": 0.43, "thigh": 0.42, "trunk": 0.52, "upper_arm": 0.29, "forearm": 0.27, "hand": 0.1}
 JOINTS = ("ankle", "knee", "hip", "shoulder", "elbow", "wrist")

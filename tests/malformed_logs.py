@@ -33,7 +33,6 @@ def retimed(time):
 
 
 def leg(weight=None):
-    """A leg with a torso, moved by hinges about y."""
     bodies = [Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso"))]
     prior = None if weight is None else np.tile(np.repeat([weight / 2 / 9.81, 0], [1, 9]), 2)
     return Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]), prior)

@@ -65,7 +65,6 @@ def random_inputs(rng, measurement, samples=3, setup=0.05):
 
 
 def at(measurement, name):
-    """Index of a parameter in θ."""
     return measurement.names.index(name)
 
 

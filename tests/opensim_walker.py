@@ -20,19 +20,25 @@ def markers():
     return [(f"{body}{k}", body, rng.uniform(-0.15, 0.15, 3)) for body in PHI for k in range(4)]
 
 
-def leg(folder):
-    """A pelvis that moves in a plane, a femur, and a tibia on a knee that slides."""
+def knee():
+    """A joint of the tibia that slides along a spline as it bends."""
     x = np.linspace(-2, 0.2, 7)
     still = [("", axis, constant(0)) for axis in np.eye(3)]
     turns, slides = ("knee", [0, 0, 1], linear(1)), ("knee", [1, 0, 0], table(x, 0.03 * np.sin(1.2 * x)))
-    knee = spatial([*still[:2], turns, slides, ("", [0, 1, 0], constant(-0.4)), still[2]])
+    axes = spatial([*still[:2], turns, slides, ("", [0, 1, 0], constant(-0.4)), still[2]])
+    return Joint("CustomJoint", "knee", "femur", "tibia", [coordinate("knee", limits=(-2.0, 0.2))], axes)
+
+
+def leg(folder):
+    """A pelvis that moves in a plane, a femur, and a tibia on a knee that slides."""
+    still = [("", axis, constant(0)) for axis in np.eye(3)]
     moves = [(name, np.eye(3)[k], linear(1)) for name, k in (("tilt", 2), ("tx", 0), ("ty", 1))]
     planar = spatial([*still[:2], *moves, still[2]])
     wide = (-3.0, 3.0)
     joints = [
         Joint("CustomJoint", "root", "ground", "pelvis", [coordinate(n, limits=wide) for n in PLANAR[:3]], planar),
         Joint("PinJoint", "hip", "pelvis", "femur", [coordinate("hip")]),
-        Joint("CustomJoint", "knee", "femur", "tibia", [coordinate("knee", limits=(-2.0, 0.2))], knee),
+        knee(),
     ]
     path = folder / "leg.osim"
     path.write_text(document(joints, PHI, markers=markers()), encoding="utf-8")
@@ -40,7 +46,6 @@ def leg(folder):
 
 
 def motion(samples=60, rate=100.0):
-    """Times, and coordinates with their first two derivatives (N, 5) each."""
     t = np.arange(samples) / rate
     w, size = np.array([2.0, 4.0, 3.0, 5.0, 4.5]), np.array([0.3, 0.05, 0.2, 0.5, 0.6])
     arg = w * t[:, None] + np.arange(5)

@@ -8,9 +8,8 @@ from pathlib import Path
 import scenes
 from experiments import identify
 from ident.recordings.wrench import Sensor
-from sim.models.model_mechanism import mechanism
+from sim import mechanism, simulate
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate
 
 PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
 
@@ -27,12 +26,10 @@ def options(folder, *more, seed=0):
 
 
 def identified(folder):
-    """Writes the page, and returns the folder of the results."""
     assert identify.main(options(folder)) == 0
     return folder / "out"
 
 
 def replayed(page):
-    """Replay data of a page."""
     text = page.read_text(encoding="utf-8")
     return json.loads(re.search(r'<script type="application/json" id="replay">(.*?)</script>', text, re.DOTALL)[1])

@@ -7,7 +7,6 @@ _STUDIES = {}
 
 
 def study(seconds, **given):
-    """The study with these arguments; arguments with equal texts are equal."""
     key = repr((seconds, sorted(given.items())))
     if key not in _STUDIES:
         _STUDIES[key] = simulated(seconds, **given)

@@ -108,7 +108,6 @@ def forces_between(model, before, now, after, step):
 
 
 def humanoid():
-    """The humanoid's model without contacts and drives."""
     model = scenes.load("humanoid").compile()
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.jnt_stiffness[:], model.dof_damping[:] = 0, 0

@@ -55,7 +55,6 @@ def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gai
 
 @cache
 def estimated(seed=0, **faults):
-    """Trajectory estimate of such a recording, once for all tests of a worker."""
     return ident.identify(PENDULUM, faulty(seed, **faults))
 
 

@@ -32,7 +32,6 @@ def written(folder, text, name="arm"):
 
 
 def files_of(folder):
-    """Tables of files that a folder holds, with their hashes."""
     return "\n".join(
         FILE.format(name=path.name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
         for path in sorted(folder.iterdir())

@@ -30,7 +30,6 @@ def text(*, gravity="0 -9.81 0", knee="0 0 1"):
 
 @cache
 def mechanism():
-    """The mechanism with the pelvis's coordinates as joints from the world."""
     return sim.mechanism(mujoco.MjSpec.from_string(text()))
 
 

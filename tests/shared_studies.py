@@ -7,5 +7,4 @@ from experiments.studies.simulation import study
 
 @cache
 def packaged_study(name, /, **options):
-    """A study of the package; its trajectory estimates are made at first use and kept."""
     return study(name, **options)

@@ -1,12 +1,12 @@
 """Stand-ins for what takes most of a study's time: processes, drawing, and trajectory estimates."""
 
 from concurrent.futures import Executor, Future
+from types import SimpleNamespace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data import simulated_study
-from experiments.data.fitting import Trial
 from experiments.document import figures
 from experiments.document.writer import Plot
 from ident.errors import ExcitationError
@@ -19,7 +19,6 @@ class Here(Executor):
         """Starts nothing."""
 
     def submit(self, work, /, *args, **kwargs):
-        """A finished or failed future."""
         future = Future()
         try:
             future.set_result(work(*args, **kwargs))
@@ -45,14 +44,25 @@ def leave_undrawn(patched):
 
 def truth(mechanism, recording, base, **_):
     psi = base.regroup(mechanism.known)
-    return Trial(base, psi, np.ones_like(psi), psi)
+    return SimpleNamespace(psi=psi, std_setup=np.ones_like(psi))
 
 
 def undetermined(*_, **__):
     raise ExcitationError("The recording does not determine all parameters.", ())
 
 
+def once(function):
+    """The function, which returns what its first call did, whatever it is given."""
+    first = []
+
+    def called(*given, **options):
+        first.append(first[0] if first else function(*given, **options))
+        return first[0]
+
+    return called
+
+
 def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth, and leaves axes as drawn, while a monkeypatch lasts."""
-    patched.setattr(simulated_study, "trajectory_fit", truth)
+    patched.setattr(simulated_study, "trajectory_estimate", truth)
     patched.setattr(simulated_study, "searched_axes", lambda *_: None)

@@ -42,7 +42,6 @@ def sampled(rng, name, time, missing=0.0, gap=()):
 
 
 def streams(rng, *, angles=100.0, jitter=0.0, wrench=100.0, missing=0.0, gap=()):
-    """Streams of angles, which share a clock, and of the wrench on its own clock."""
     clocks = {"joint": ticks(angles, jitter, rng), "ground": ticks(wrench)}
     return {name: sampled(rng, name, clocks[name[:5] if name[0] == "j" else "ground"], missing, gap) for name in NOISE}
 

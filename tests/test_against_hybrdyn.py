@@ -8,11 +8,8 @@ from explicit kinematics.
 import numpy as np
 import pytest
 
-from ident.mechanism.dh import Frame, tree_from_mdh
+from ident import Frame, Sensors, find_base_parameters, joint_torque_regressor, tree_from_mdh
 from ident.mechanism.loops import Coincidence, Constraints
-from ident.model.regressor import joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 
 GROUND, CRANK, ROD, ROCKER, HEIGHT = 0.5, 0.2, 0.45, 0.4, 0.3
 GRAVITY = np.array([3, -4, -9.81])

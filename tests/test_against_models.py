@@ -8,8 +8,7 @@ import pytest
 from mechanisms import regrouping_error
 from random_models import random_model_states
 
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters
+from ident import base_wrench_regressor, find_base_parameters, joint_torque_regressor
 from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 pytestmark = pytest.mark.extras

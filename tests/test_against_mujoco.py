@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from random_models import inverse_dynamics, random_model, random_model_states
 
-from ident.mechanism.motion import BaseMotion, Motion
+from ident import BaseMotion, Motion, Sensors, find_base_parameters
 from ident.model import dim
 from ident.model.regressor import FEW, base_wrench_regressor, joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 

@@ -6,12 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident import Frame, Sensors, base_wrench_regressor, find_base_parameters, joint_torque_regressor, tree_from_mdh
 from ident.geometry.inertia import parameter_transform
 from ident.geometry.se3 import pose
-from ident.mechanism.dh import Frame, tree_from_mdh
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 
 DATA = sorted((Path(__file__).parent / "data").glob("*.json"))
 
@@ -31,7 +28,6 @@ def frame_of(row):
     [(base_wrench_regressor, "base_wrench", Sensors()), (joint_torque_regressor, "joint_torque", TORQUES)],
 )
 def test_regressors_ranks_and_regroupings_are_equal(path, regressor, key, sensors):
-    """Ranks and regroupings of the regressor at random states, and of the structure."""
     golden = json.loads(path.read_text(encoding="utf-8"))
     tree = tree_from_mdh([frame_of(row) for row in golden["frames"]])
     expected, gravity = golden[f"grouping_{key}"], np.array(golden["gravity"])

@@ -6,9 +6,8 @@ from mechanisms import random_states, random_tree
 
 import sim
 from docs.tools.mechanisms import Pinocchio
+from ident import BaseMotion, base_wrench_regressor, joint_torque_regressor
 from ident.geometry.inertia import PINOCCHIO, parameter_transform
-from ident.mechanism.motion import BaseMotion
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
 
@@ -41,7 +40,6 @@ def test_regressors_are_equal(seed):
 
 
 def link(name, rng):
-    """A link with a random inertia, and its joint on a parent."""
     x, y, z = rng.uniform(-0.1, 0.1, 3)
     return (
         f'<link name="{name}"><inertial><origin xyz="{x} {y} {z}" rpy="0.3 -0.2 0.5"/>'
@@ -51,7 +49,6 @@ def link(name, rng):
 
 
 def joint(name, parent, child, rng, mimic="", kind="revolute"):
-    """A joint at a random place, about or along a random axis."""
     place, turn, axis = (" ".join(f"{x:.12g}" for x in rng.normal(size=3)) for _ in range(3))
     unit = np.array(axis.split(), float)
     axis = " ".join(f"{x:.15g}" for x in unit / np.linalg.norm(unit))

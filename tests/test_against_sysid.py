@@ -19,7 +19,6 @@ KINDS = {"damping": "Fv", "frictionloss": "Fc", "armature": "Ia"}
 
 
 def simulated(drives, commands):
-    """Angles of the arm under commands, each held until the next one (N, 3)."""
     model = mujoco.MjModel.from_xml_string(driven_arm.text(more=driven_arm.ACTUATORS, **drives))
     model.opt.timestep = 1 / (RATE * STEPS)
     data, angles = mujoco.MjData(model), []

@@ -13,11 +13,10 @@ from slow_pendulum import TIME, motion
 
 import ident
 import sim
+from ident import Motion, Sensor
 from ident.identification import checked_setup
-from ident.mechanism.motion import Motion
 from ident.recordings.mapping import stated_mapping
 from ident.recordings.recording import STATES
-from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS
 
 NOISE = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
@@ -34,7 +33,6 @@ def wrench_of(longer, states):
 
 
 def stated(longer, **setup):
-    """Estimate of angles and wrench of such a pendulum."""
     rng = np.random.default_rng(0)
     states = motion(rng, 1.0)
     wrench = wrench_of(longer, states) + NOISE * rng.normal(size=(len(TIME), 6))
@@ -70,48 +68,28 @@ def test_an_estimate_and_a_model_with_joints_displaced_predict_other_motions(tmp
     assert (errors[0] < 0.3 * errors[1]).all()
 
 
-def test_at_rest_a_displaced_joint_is_a_first_moment_of_the_body_that_carries_it():
-    """Of the shift times the mass beyond the joint, at all postures; in motion it is not."""
-    base, first, second = PENDULUM.tree.bodies
-    shift, home, rng = np.array([0.01, -0.02, 0.03]), second.home.copy(), np.random.default_rng(0)
-    home[:3, 3] += shift
-    moved = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
-    phi = PENDULUM.known.copy()
-    phi[11:14] += shift * phi[20]
-    for speed, alike in ((0, True), (1, False)):
-        states = rng.normal(size=(3, 20, 2)) * np.array([1, speed, speed])[:, None, None]
-        Y = [ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) for tree in (PENDULUM.tree, moved)]
-        assert np.allclose(Y[0] @ phi, Y[1] @ PENDULUM.known, rtol=0, atol=1e-9) == alike
-
-
 def test_centres_are_in_the_intervals_though_none_is_found():
     others = dict.fromkeys(PRIORS, 0.0)
-    exact, open_, wide = (stated(1.0, **others | {"centre": std}) for std in (0.0, 0.001, {"joint2": 0.01}))
-    assert not open_.setup and not wide.setup
+    exact, open_ = (stated(1.0, **others | {"centre": std}) for std in (0.0, {"joint2": 0.01}))
+    assert not open_.setup
     np.testing.assert_allclose(open_.psi, exact.psi)
-    grows = np.array([open_.std_setup / exact.std_setup, wide.std_setup / open_.std_setup])
-    assert (grows > 1 - 1e-9).all() and (grows.max(axis=1) > [1.01, 1.5]).all(), grows
+    grows = open_.std_setup / exact.std_setup
+    assert grows.min() > 1 - 1e-9 and grows.max() > 1.5
 
 
-@pytest.mark.parametrize(
-    ("centre", "message"),
-    [
-        (-1, "centre needs a standard deviation, zero or false, got -1."),
-        ("3", "centre needs a standard deviation, zero or false, got '3'."),
-        ({"joint2": -0.01}, r"centre\(joint2\) needs a standard deviation, zero or false, got -0.01."),
-        ({"joint2": 11}, r"centre\(joint2\) needs a standard deviation, zero or false, got 11; the largest is 10."),
-    ],
-)
-def test_what_is_stated_of_centres_is_checked(centre, message):
-    with pytest.raises(ident.InputError, match=rf"^setup\.{message}$"):
-        stated_mapping({"setup": {"centre": centre}}, PENDULUM.tree)
-    with pytest.raises(ident.InputError, match=rf"^setup\.{message}$"):
-        checked_setup({"centre": centre}, PENDULUM.tree.compounds)
-    with pytest.raises(ident.InputError, match=r"no entry 'centre\(elbow\)'; valid .* centre\(joint2\)"):
-        checked_setup({"centre": {"elbow": 0.01}}, PENDULUM.tree.compounds)
+def test_what_is_stated_of_centres_is_checked():
+    largest = r"^setup\.centre\(joint2\) needs a standard deviation, zero or false, got 11; the largest is 10\.$"
+    with pytest.raises(ident.InputError, match=largest):
+        stated_mapping({"setup": {"centre": {"joint2": 11}}}, PENDULUM.tree)
+    for centre, message in (
+        ({"joint2": 11}, largest),
+        ({"elbow": 0.01}, r"no entry 'centre\(elbow\)'; valid .*joint2"),
+    ):
+        with pytest.raises(ident.InputError, match=message):
+            checked_setup({"centre": centre}, PENDULUM.tree.compounds)
 
 
-@pytest.mark.parametrize(("felt", "offsets"), [(("shoulder", "elbow"), False), (("elbow",), True), ((), False)])
+@pytest.mark.parametrize(("felt", "offsets"), [(("shoulder", "elbow"), False), (("elbow",), True)])
 def test_predictions_are_mujocos_in_the_sensors_own_channels(felt, offsets):
     """Of a sensor that is turned and off the base's origin, with five components, and some joint torques."""
     turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
@@ -131,11 +109,9 @@ def test_predictions_are_mujocos_in_the_sensors_own_channels(felt, offsets):
         return recording, Motion(*states), np.hstack([wrench[:, there], torques[:, 2 - len(felt) :]])
 
     recording, (_, other, expected) = recorded(0)[0], recorded(1)
-    given = {"drive": ("rotor", "viscous")} if felt else {}
-    estimate = ident.identify(arm, recording, holdout=0, estimator="weighted", offsets=offsets, **given)
+    options = {"estimator": "weighted", "offsets": offsets, "drive": ("rotor", "viscous")}
+    estimate = ident.identify(arm, recording, holdout=0, **options)
     assert estimate.channels == ("Fx", "Fz", "Mx", "My", "Mz", *felt)
     predicted = estimate.predict(other)
     assert predicted.shape == expected.shape
     np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-6 * abs(expected).max())
-    with pytest.raises(ident.InputError, match="Joint velocities need 2 columns"):
-        estimate.predict(Motion(np.zeros((3, 2)), np.zeros((3, 1)), np.zeros((3, 2))))

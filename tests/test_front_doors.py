@@ -15,66 +15,28 @@ import sim
 from ident.errors import InputError
 from ident.estimate import PAGES
 
-CLIENTS = {
-    "arrays": """
-import numpy as np
-from numpy.typing import NDArray
-
-from ident import InputError, Mechanism, base_wrench_regressor, find_base_parameters, tree_from_mdh, Frame
-
-
-def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[str, ...]:
-    arm = Mechanism(tree_from_mdh(frames), gravity)
-    try:
-        return find_base_parameters(arm.tree, gravity=arm.gravity).expressions()
-    except InputError as error:
-        return (str(error),)
-
-
-def rank(arm: Mechanism, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> int:
-    Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
-    return int(np.linalg.matrix_rank(Y.reshape(-1, Y.shape[2])))
-""",
-    "two recordings": """
-from collections.abc import Iterator
-
+CLIENT = """
 import ident
-import sim
-
-
-def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
-    first, second = ident.identify(arm, one), ident.identify(arm, other, estimator="ordinary", holdout=0.0)
-    return first.compare(second).p_value
-
-
-def long(arm: ident.Mechanism, pieces: Iterator[ident.Recording], motion: ident.Motion) -> float:
-    return float(ident.least_squares(ident.Equations.of_wrench(arm), pieces).predicted(motion).max())
-
-
-model = sim.tree_from_model("arm.xml")
-""",
-    "one import": """
-import numpy as np
-
 import multicontact as mc
+import sim
+from ident import Frame, Mechanism, Motion, find_base_parameters, tree_from_mdh
+
+arm: Mechanism = sim.mechanism(mc.scenes.load("arm"))
+tree = tree_from_mdh([Frame("1", None, "revolute")])
+expressions: tuple[str, ...] = find_base_parameters(tree, gravity=arm.gravity).expressions()
+first, second = ident.identify(arm, "run.csv"), mc.identify(arm, ["log.csv"], columns={"time": "t"}, held_out="run.csv")
+p: float = first.compare(second).p_value
+low, high = second["m3rz3"].interval(0.9, setup=False)
+print(low + high, second.summary(), second.to_dict()["std"], second.plot().axes, second.by_body["hand"][0].unit)
 
 
-def heaviest(arm: mc.Mechanism, log: str) -> tuple[str, float, float]:
-    estimate = mc.identify(arm, [log], columns={"time": "t"}, held_out="other.csv")
-    low, high = estimate["m3rz3"].interval(0.9, setup=False)
-    print(estimate.summary(), estimate.to_dict()["std_setup"], estimate.plot().axes, estimate.by_body["hand"][0].unit)
-    estimate.save("arm.npz")
-    return estimate.names[int(np.argmax(estimate.psi))], low, float(mc.Estimate.load("arm.npz").interval()[0, 1] + high)
+def largest(motion: Motion, recording: ident.Recording) -> float:
+    return float(mc.Estimate.load("arm.npz").predict(motion).max() + recording["hip_position"].max())
 
 
-def read(arm: mc.Mechanism, columns: dict[str, list[float]]) -> mc.Recording:
-    return mc.read_log(columns, arm)
-
-
-page = mc.report(mc.identify(mc.mechanism(mc.scenes.load("arm")), "run.csv"), "results").read_text()
+page: str = mc.report(second, "results").read_text()
 release = ".".join((mc.__version__, "post1"))
-""",
-}
+"""
 
 MISTAKEN = {
     "import ident\n\nident.idntify\n": '"idntify"',
@@ -107,18 +69,15 @@ def test_libraries_are_imported_when_they_are_needed():
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
-    """In strict mode, without the packages' own configuration."""
     known = pytestconfig.cache.mkdir("clients")
-    for name, code in CLIENTS.items():
-        (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")
-    for k, code in enumerate(MISTAKEN):
-        (tmp_path / f"mistaken_{k}.py").write_text(code, encoding="utf-8")
+    for k, code in enumerate([CLIENT, *MISTAKEN]):
+        (tmp_path / f"{'mistaken' if k else 'right'}_{k}.py").write_text(code, encoding="utf-8")
     arguments = ["--strict", "--follow-imports=silent", "--config-file=", f"--cache-dir={known}"]
     command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
     checked = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     *errors, _ = checked.stdout.splitlines()
     assert all(error.startswith("mistaken_") for error in errors), checked.stdout
-    for k, name in enumerate(MISTAKEN.values()):
+    for k, name in enumerate(MISTAKEN.values(), start=1):
         assert any(error.startswith(f"mistaken_{k}.py") and name in error for error in errors), checked.stdout
 
 

@@ -54,10 +54,15 @@ MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob
 
 
 @cache
+def parsed(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imported(path):
     """Dotted names of a module's imports, of modules and of names in them alike."""
     names = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -102,6 +107,5 @@ SHARED = {"Table"}  # Public classes of one name: of logs and of documents.
 
 
 def test_public_classes_have_names_of_their_own():
-    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in MODULES)
-    classes = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    classes = Counter(node.name for path in MODULES for node in parsed(path).body if isinstance(node, ast.ClassDef))
     assert {name for name, number in classes.items() if number > 1 and name[0] != "_"} <= SHARED

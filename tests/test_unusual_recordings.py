@@ -17,7 +17,6 @@ from ident import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough
 from ident.problem import problem_of
-from ident.setup import PRIORS
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
 RECORDING = faulty(0)
@@ -50,7 +49,7 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
 
 def test_a_recording_that_is_too_short_is_called_that():
     few = r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"
-    for samples, message in ((15, few), (5, "needs more than 9 samples, got 5")):
+    for samples, message in ((15, few), (5, "needs at least 10 samples, got 5")):
         with pytest.raises(ident.InputError, match=message):
             ident.identify(PENDULUM, shortened(RECORDING, samples))
 
@@ -74,13 +73,13 @@ def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
 def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():
     """Of the first joint alone, its drive and the inertia about it are unknown; the rest is as if it was welded."""
     rng = np.random.default_rng(0)
-    t, q, dq, ddq = driven_arm.motion(rng)
+    t, q, dq, ddq = driven_arm.motion(rng, 8.0, 50.0)
     q[:, 0], dq[:, 0], ddq[:, 0] = 0.3, 0, 0
     torque = driven_arm.torques(q, dq, ddq, **driven_arm.NONE) + 0.02 * rng.normal(size=q.shape)
     q[:, 1:] += 1e-4 * rng.normal(size=(len(t), 2))
     channels = by_joint(driven_arm.JOINTS, position=q, torque=torque)
     log = ident.Recording(t, channels)
-    estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=dict.fromkeys(PRIORS, 0))
+    estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=driven_arm.EXACT)
     assert estimate.undetermined and estimate.condition_number > 1e10 > 1e4 > estimate.determined_condition
     assert "Ia(turn), Fv(turn), Fc(turn) do not show in a joint that rests." in estimate.prepared.notes
     rows = [row[0] for row in parameters_table(estimate).rows]
@@ -110,10 +109,8 @@ def test_recordings_that_are_judged_follow_one_another_but_for_their_ends_howeve
 @pytest.mark.slow
 def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
     start, end = gap = 4.0, 7.4
-    person, recording = (
-        swinging.pendulum(),
-        ident.Recording.from_streams(swinging.streams(np.random.default_rng(2), gap=gap)),
-    )
+    person, streams = swinging.pendulum(), swinging.streams(np.random.default_rng(2), gap=gap)
+    recording = ident.Recording.from_streams(streams)
     log, filtered = prepared(person, recording), prepared(person, recording, cutoff=6.0)
     held = ident.identify(person, recording).held_out
     settles = filtered.edge / recording.rate - 0.02

@@ -42,7 +42,6 @@ def run(source, number, tmp_path, file=simulation.FILE, analyse=ANALYSE, given=N
 
 
 def kept(tmp_path, file=simulation.FILE):
-    """Outcomes in the file of trials; empty where there is none."""
     with np.load(tmp_path / file) as data:
         return [json.loads(text or "[]") for text in bytes(data["outcomes"]).splitlines()]
 

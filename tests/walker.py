@@ -35,7 +35,6 @@ TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}  # Body on each pla
 
 @cache
 def mechanism(model=JOINTED):
-    """The mechanism with the pelvis's coordinates as joints from the world."""
     return sim.mechanism(mujoco.MjSpec.from_string(model))
 
 
@@ -77,7 +76,6 @@ def shares():
 
 
 def wrenches():
-    """Wrenches of plates and rail on the person, about the world's origin (N, 6) each."""
     total, _ = truth()
     return {name: share[:, None] * total for name, share in shares().items()}
 
@@ -91,7 +89,6 @@ def columns():
 
 
 def in_frame(T, wrench):
-    """A wrench about the world's origin in another frame."""
     return transform_wrench(inverse(T), wrench)
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from mechanisms import by_joint, sines
 from random_models import inverse_dynamics
 
-from ident.recordings.recording import Recording
-from ident.recordings.wrench import Sensor
+from ident import Recording, Sensor
 
 JOINTS = tuple(f"joint{k}" for k in range(1, 8))
 TOOL = {"mass": 0.1, "com": (0.012, -0.008, 0.05), "inertia": (1.1e-4, 9e-5, 6e-5, 1e-5, -8e-6, 4e-6)}

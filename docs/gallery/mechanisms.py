@@ -159,12 +159,36 @@ panel.axvline(1e3 * LATE, color="black", ls="--", lw=1, label="true")
 panel.set(xlabel="delay of the wrench (ms)", ylabel="likelihood over its maximum", ylim=(0, 1.05))
 figure.legend(loc="outside lower center", ncols=2)
 
+# ## Friction at reversals
+#
+# What the links do not explain of an elbow's torque: it jumps with the sign of the velocity, and grows with it.
+
+folder = Path(mc.scenes.__file__).parent
+arm = mc.mechanism(folder / "arm.xml", base="base")
+recording = mc.read_log(folder / "arm.csv", arm)
+estimate = mc.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+motion = estimate.prepared.samples.motion
+drive, elbow = estimate.drives["elbow"], arm.tree.joints.index("elbow")
+links = mc.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
+left = (recording["elbow_torque"] - links[:, elbow] - drive.rotor * motion.ddq[:, elbow])[estimate.part]
+speed = motion.dq[estimate.part, elbow]
+print(f"Coulomb {drive.coulomb:.2f} N m, viscous {drive.viscous:.2f} N m s")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Torque of an elbow without that of its links and rotor")
+panel.plot(speed, left, ".", color="0.6", ms=3, label="measured")
+for sign in (-1, 1):
+    line = sign * np.array([0, np.abs(speed).max()])
+    law = sign * drive.coulomb + drive.viscous * line
+    panel.plot(line, law, color="C1", lw=2, label=f"{drive.coulomb:.2f} N m + {drive.viscous:.2f} N m s" * (sign > 0))
+panel.set(xlabel="velocity (rad/s)", ylabel="torque (N m)")
+panel.legend()
+
 # ## Where joints lie
 #
 # Places of joints that are not the model's, and with one the upper arm's length, found to a tenth of a millimetre where
 # poses of the tool show them; the forearm, about which the wrist turns, does not show its length.
 
-arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
 rng, time, joints, bodies, stated = np.random.default_rng(5), np.arange(600) / 100, arm.tree.joints, arm.tree.bodies, 2
 shifts = stated * rng.normal(size=(3, 3))
 homes = [body.home + 1e-3 * np.pad(x[:, None], ((0, 1), (3, 0))) for body, x in zip(bodies[2:], shifts, strict=True)]
@@ -198,28 +222,3 @@ panel.plot(true, rows, "x", color="C1", mew=2, zorder=3, label="truth")
 panel.set(xlabel="displacement along an axis of the parent's frame (mm)")
 panel.invert_yaxis()
 figure.legend(loc="outside lower center", ncols=3)
-
-# ## Friction at reversals
-#
-# What the links do not explain of an elbow's torque: it jumps with the sign of the velocity, and grows with it.
-
-folder = Path(mc.scenes.__file__).parent
-arm = mc.mechanism(folder / "arm.xml", base="base")
-recording = mc.read_log(folder / "arm.csv", arm)
-estimate = mc.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
-motion = estimate.prepared.samples.motion
-drive, elbow = estimate.drives["elbow"], arm.tree.joints.index("elbow")
-links = mc.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
-left = (recording["elbow_torque"] - links[:, elbow] - drive.rotor * motion.ddq[:, elbow])[estimate.part]
-speed = motion.dq[estimate.part, elbow]
-print(f"Coulomb {drive.coulomb:.2f} N m, viscous {drive.viscous:.2f} N m s")
-
-figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
-figure.suptitle("Torque of an elbow without that of its links and rotor")
-panel.plot(speed, left, ".", color="0.6", ms=3, label="measured")
-for sign in (-1, 1):
-    line = sign * np.array([0, np.abs(speed).max()])
-    law = sign * drive.coulomb + drive.viscous * line
-    panel.plot(line, law, color="C1", lw=2, label=f"{drive.coulomb:.2f} N m + {drive.viscous:.2f} N m s" * (sign > 0))
-panel.set(xlabel="velocity (rad/s)", ylabel="torque (N m)")
-panel.legend()

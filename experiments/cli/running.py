@@ -24,9 +24,6 @@ Study = Callable[[argparse.Namespace], None]
 MakeParser = Callable[[], argparse.ArgumentParser]
 Main = Callable[[Sequence[str] | None], int]
 
-AT_ONCE = 1.0
-"""Seconds in which further requests to end are those of an impatient hand."""
-
 
 def command(
     module: str, name: str, description: str | None, study: Study, rows: options.Options, epilog: str = ""
@@ -148,13 +145,13 @@ def _notes_printed_once() -> Iterator[None]:
 
 @contextmanager
 def _interruptible_once(message: str) -> Iterator[threading.Event]:
-    """Makes the first Ctrl-C or request to terminate end a block, and ignores others that follow at once.
+    """Makes the first Ctrl-C or request to terminate end a block, and ignores others within `GRACE`.
 
     It may take a moment to clean up; one that comes later ends what went on nevertheless, such as the report of an
     interrupted estimate. Yields an event that the first one sets. If the block goes on for `GRACE` after a request to
     terminate, the process prints the message and ends.
     """
-    asked, last = threading.Event(), -AT_ONCE
+    asked, last = threading.Event(), -GRACE
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
@@ -162,7 +159,7 @@ def _interruptible_once(message: str) -> Iterator[threading.Event]:
     def interrupt(*_: object) -> None:
         nonlocal last
         asked.set()
-        if time.monotonic() - last >= AT_ONCE:
+        if time.monotonic() - last >= GRACE:
             last = time.monotonic()
             raise KeyboardInterrupt
 

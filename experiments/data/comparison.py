@@ -16,13 +16,12 @@ from ident.annotations import fits, in_words
 from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.limits import reason
-from ident.judgement.residuals import UNLIKELY, Comparison
+from ident.files.table import FAR
+from ident.judgement.residuals import Comparison
+from ident.tolerances import SIGNIFICANT
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out", "verbose")
 """Options without effect on results, and files, which are compared by content."""
-
-LARGE = 1e30
-"""Larger than any number of an identification; its inverse is smaller than any standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +212,10 @@ def _check_estimate(content: Content) -> None:
     alike = all(len(row) == len(columns) for row in (content["values"], std, covariance, *covariance))
     _need(alike, f"its 'values', 'std_setup' and 'covariance' are not of its {len(columns)} 'columns'")
     sizes = np.abs([*content["values"], *std, *np.ravel(covariance)])
-    _need(bool((sizes < LARGE).all()) and min(std, default=0) >= 0, "a number of it is out of range")
+    _need(bool((sizes < FAR).all()) and min(std, default=0) >= 0, "a number of it is out of range")
     _need(set(base) <= set(columns), "its 'regrouping' has parameters that are not among its 'columns'")
     own = [columns.index(name) for name in base]
-    _need(all(std[k] > 1 / LARGE for k in own), "its 'std_setup' has a deviation that is not positive")
+    _need(all(std[k] > 1 / FAR for k in own), "its 'std_setup' has a deviation that is not positive")
     for channel, entry in content["held_out"].items():
         _need(fits(entry.get("ratio"), float | None), f"its 'held_out' has no number for '{channel}'")
     for entry in content["setup"]:
@@ -318,7 +317,7 @@ def agreement(values: Sequence[Mapping[str, float]], covariances: Sequence[np.nd
     for _ in range(20):
         difference, spans, chi2 = _from_others(x, covariance, precision, agree)
         spread2 = max(1.0, float(np.median(chi2) / special.chdtri(len(names), 0.5)))
-        before, agree = agree, special.chdtrc(len(names), chi2 / spread2) > UNLIKELY / len(x)
+        before, agree = agree, special.chdtrc(len(names), chi2 / spread2) > SIGNIFICANT / len(x)
         if (agree == before).all() or not agree.any():
             break
     return LogAgreement(names, difference, np.sqrt(spread2 * spans), chi2 / spread2, float(np.sqrt(spread2)), ~agree)

@@ -168,21 +168,12 @@ def fit(
     measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(motion, measured, covariance)
     base = structural_base_parameters(mechanism, kept=None if kept is None else tuple(kept))
-    noise = recording.joint_noise(joints)
-    made = huber_white(least_squares(Equations(mechanism, base), samples, state_noise=noise), samples)
+    made = huber_white(least_squares(Equations(mechanism, base), samples), samples)
     return Fitted(base, made.psi, made.std, base.regroup(mechanism.known), made, made.predicted(motion))
 
 
-def trajectory_fit(
-    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
-) -> Trial:
-    """Base parameters of one model by the trajectory estimate, arguments and errors as for `trajectory_estimate`."""
-    estimate = trajectory_estimate(mechanism, recording, base, searched=searched)
-    return Trial(base, estimate.psi, estimate.std_setup, base.regroup(mechanism.known))
-
-
 def trajectory_estimate(
-    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool
+    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
 ) -> Estimate:
     """Trajectory estimate of one model, from joint angles and wrenches alone.
 

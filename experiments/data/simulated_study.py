@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Fitted, Trial, fit, measured_poses, searched_axes, trajectory_fit
+from experiments.data.fitting import Fitted, Trial, fit, measured_poses, searched_axes, trajectory_estimate
 from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
 from ident.estimation.setup_parameters import across
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
+from ident.mechanism.recovered_axes import RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
-from ident.tolerances import ROUNDING
+from ident.tolerances import ROUNDING, SIGNIFICANT
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
 
@@ -85,10 +85,9 @@ class SimulatedStudy:
 
     problem: StudyProblem
     recording: Recording
-    significance: float = PARALLEL_SIGNIFICANCE
+    significance: float = SIGNIFICANT
     _made: dict[tuple[str, str], Fitted] = field(default_factory=dict)
     _trajectories: dict[str, Trial] = field(default_factory=dict)
-    _searched: dict[str, RecoveredAxes | None] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -142,8 +141,9 @@ class SimulatedStudy:
             ExcitationError: The motion does not separate the base parameters.
         """
         recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-        searched = self.file.models[model].axes == SEARCHED
-        return trajectory_fit(self.mechanism(model), recording, self.base(model), searched=searched)
+        searched, base = self.file.models[model].axes == SEARCHED, self.base(model)
+        estimate = trajectory_estimate(self.mechanism(model), recording, base, searched=searched)
+        return Trial(base, estimate.psi, estimate.std_setup, base.regroup(self.known.known))
 
     def base(self, model: str) -> BaseParameters:
         """A model's regrouping."""
@@ -158,10 +158,7 @@ class SimulatedStudy:
     def estimated_axes(self, model: str) -> RecoveredAxes | None:
         """Axes that are recovered or searched for; None for those that are stated, or of which no tilt is found."""
         axes = self.file.models[model].axes
-        if axes == SEARCHED and model not in self._searched:
-            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-            self._searched[model] = searched_axes(self.known, recording, self.significance)
-        return self.recovered if axes == "recovered" else self._searched.get(model)
+        return self.recovered if axes == "recovered" else self.searched if axes == SEARCHED else None
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
         """Names of base parameters that a model shares with another one; None if it shares none."""
@@ -180,6 +177,11 @@ class SimulatedStudy:
         """The axes recovered from the measured poses."""
         poses = measured_poses(self.known.tree, self.recording)
         return recover_axes(self.known.tree, poses, significance=self.significance)
+
+    @cached_property
+    def searched(self) -> RecoveredAxes | None:
+        """The axes that are found in angles and wrenches; None without a tilt."""
+        return searched_axes(self.known, self.problem.with_cells(self.recording), self.significance)
 
     @property
     def recovers(self) -> bool:
@@ -237,8 +239,8 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
             f"epsilon{suffix}": fit.estimate.epsilon,
             f"largest_error{suffix}": float(np.abs(fit.error).max()),
         }
-        if file.models[name].axes == SEARCHED:
-            errors = axis_errors(study, study.estimated_axes(name))
+        if file.models[name].axes == SEARCHED and study.searched:
+            errors = axis_errors(study, study.searched)
             numbers |= {f"{key}{suffix or '_searched'}": x for key, x in errors.items()}
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
@@ -251,10 +253,8 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
 
 
-def axis_errors(study: SimulatedStudy, axes: RecoveredAxes | None) -> dict[str, float]:
-    """Largest error of estimated axes and largest standard deviation, deg; empty without an estimate."""
-    if axes is None:
-        return {}
+def axis_errors(study: SimulatedStudy, axes: RecoveredAxes) -> dict[str, float]:
+    """Largest error of estimated axes and largest standard deviation, deg."""
     largest = {"axis_error_deg": study.axis_error(axes).max(), "axis_std_deg": max(axis.std for axis in axes.axes)}
     return {name: float(np.degrees(x)) for name, x in largest.items()}
 
@@ -316,9 +316,8 @@ def tilts(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, f
             row = out[f"{tree.bodies[i].joint} about {'xyz'[k]}"] = {"true_deg": _tilt(drawn, true)[k]}
             for model, axis in ((model, axes[j]) for model, axes in estimated.items()):
                 std = float(np.degrees(np.linalg.norm(np.cross(drawn, axis.influence)[:, k])))
-                shown = std > ROUNDING
-                row[f"tilt_{model}_deg"] = _tilt(drawn, axis.vector)[k] if shown else None
-                row[f"std_{model}_deg"] = std if shown else None
+                shown = (_tilt(drawn, axis.vector)[k], std) if std > ROUNDING else (None, None)
+                row[f"tilt_{model}_deg"], row[f"std_{model}_deg"] = shown
     return out
 
 

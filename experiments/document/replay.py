@@ -21,11 +21,8 @@ from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, pose_in_base
 from sim.models.model_mechanism import Shape, shapes
 
-FRAMES, POSE_NUMBERS = 300, 100_000
-"""Largest number of postures, and of numbers that they may take together."""
-
-SAMPLES, CURVE_NUMBERS = 2000, 120_000
-"""Largest number of drawn samples of the channels, and of numbers that they may take together."""
+FRAMES, SAMPLES, NUMBERS = 300, 2000, 100_000
+"""Largest number of postures, of drawn samples of the channels, and of numbers that either may take together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +64,7 @@ class Replay:
 
     def to_page(self) -> dict[str, Any]:
         """The replay in JSON types."""
-        shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
+        shown = evenly(len(self.recording.time), min(FRAMES, NUMBERS // (7 * len(self.mechanism.tree.bodies))))
         poses, solids = self.poses(shown), shapes(self.mechanism)
         bodies, forces = self._bodies(), list(self.forces(shown, poses))
         center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
@@ -160,7 +157,7 @@ class Replay:
 
 def every_nth(N: int, numbers: int) -> np.ndarray:
     """Indices of every n-th of N samples, so that charts with so many numbers per sample stay within the limits."""
-    return np.arange(0, N, -(-N // min(SAMPLES, max(2, CURVE_NUMBERS // numbers))))
+    return np.arange(0, N, -(-N // min(SAMPLES, max(2, NUMBERS // numbers))))
 
 
 def evenly(N: int, most: int) -> np.ndarray:

@@ -18,8 +18,8 @@ from experiments.guesses.belief import (
     TableEntry,
     toml_text,
 )
-from experiments.guesses.log_contents import LONG, ROUND, is_one
-from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.log_contents import ROUND, is_one
+from experiments.guesses.model import ENOUGH, LITTLE, ComparedModel, Left, beside, explained
 from experiments.guesses.wrenches import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import SLIP, predicted_channels
@@ -27,11 +27,12 @@ from ident.estimation.preparation import Prepared, prepared
 from ident.files.table import CURRENT, UNITS
 from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import correlated_samples
-from ident.judgement.torque_checks import ALIKE, SCALE
+from ident.judgement.torque_checks import SCALE
 from ident.recordings.log import read_log
-from ident.tolerances import FAR_BETTER
+from ident.tolerances import AGREES, CLEARLY, FAR_BETTER
+from sim.models.notes import LONGEST
 
-CLEARLY = 0.01
+TIE = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
 
@@ -49,7 +50,7 @@ def set_units(belief: Belief) -> None:
             x.why.append(f"{x.unit} by its velocity, whose name has a unit")
         elif x.column in log.columns:
             open_ones.append(x)
-    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
+    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONGEST, "mm", "m")):
         those = [x for x in open_ones if kinds[x.joint] == kind]
         others = {x.unit for joint, x in belief.of("position").items() if kinds[joint] == kind} - {""}
         sizes = {x.joint: log.largest(x.column) for x in those}
@@ -136,14 +137,14 @@ def _other_unit(model: ComparedModel, here: Left) -> Left:
     unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
     there = model.left({x.joint: scale for x in joints})
-    if there.somehow <= min(CLEAR * here.somehow, here.somehow - CLEARLY):
+    if there.somehow <= min(here.somehow / CLEARLY, here.somehow - TIE):
         for x in joints:
             x.unit = other
             shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
             x.why.append(f"{other} since the model explains {shares}")
         model.belief.by_size.clear()
         return there
-    if here.somehow < min(CLEAR * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
+    if here.somehow < min(there.somehow / CLEARLY, there.somehow - TIE, 1 - ENOUGH):
         model.belief.by_size.clear()
     return here
 
@@ -281,7 +282,7 @@ def _set_units_of_torques(belief: Belief, gains: Mapping[str, Gain]) -> None:
         x, units = torques[joint], UNITS[f"{belief.kinds[joint]} torque"]
         stated[joint] = x.unit if x.is_current else belief.stated(x) or log.units.get(x.column, "")
         x.unit = "" if x.column in log.units and not x.is_current else stated[joint] or next(iter(units))
-        if gain.alike > ALIKE:
+        if gain.alike > AGREES:
             ratios[joint] = gain.gain / units.get(x.unit, 1.0)
         else:
             x.why.append("sign and gain cannot be determined")

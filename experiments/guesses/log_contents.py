@@ -32,9 +32,6 @@ TRIAL = ".trc"
 ROUND = 2 * np.pi + 0.5
 """Largest angle of a joint that is plausible in radians."""
 
-LONG = 20.0
-"""Largest travel of a slide that is plausible in metres."""
-
 
 class ClockColumn(NamedTuple):
     """A column of times.
@@ -193,7 +190,7 @@ class LogContents:
         size = rate_factors(self.time, self.table(positions), self.table(rates))
         return np.any([is_one(size / unit) for unit in (1.0, 180 / np.pi, np.pi / 180)], axis=0)
 
-    def summary(self, most: int = 100) -> list[str]:
+    def summary(self, most: int) -> list[str]:
         """Lines on the file and on at most so many of its columns, those that change first."""
         changing, names = dict(islice(self.columns.items(), most)), [f"{k} ({x:g})" for k, x in self.constant.items()]
         size = max((len(name) for name in changing), default=0)

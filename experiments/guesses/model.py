@@ -25,12 +25,6 @@ ENOUGH_OF_WRENCHES = 0.95
 """Share of wrenches that the model has to explain with one order among several, whatever the wrenches' axes: with that
 much freedom, a wrong order explains up to nine tenths."""
 
-CLEAR = 0.7
-"""Ratio of the best choice's unexplained share to the second's, above which the choice is open."""
-
-AGREES = 0.8
-"""Share of a column's variance above which a prediction is accepted for it."""
-
 SAME = 0.999
 """Correlation above which columns, or the sizes of two forces, are two readings of the same."""
 

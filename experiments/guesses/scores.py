@@ -11,8 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry, named
-from experiments.guesses.log_contents import LONG
-from experiments.guesses.model import AGREES, ComparedModel, explained
+from experiments.guesses.model import ComparedModel, explained
 from experiments.guesses.words import (
     LIKE,
     NEAR,
@@ -28,15 +27,14 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.recorded_motion import UNIT
 from ident.files.table import COMMAND, KINDS
 from ident.recordings.wrench import GROUND
+from ident.tolerances import AGREES
+from sim.models.notes import LONGEST
 
 Scores = dict[tuple[str, str], float]
 """Scores of pairs of a column and a joint, or of a column and a channel that the model predicts."""
 
 EXACT = 1.01
 """Score of a name that `read_log` knows, which no other name reaches."""
-
-ALONE = 0.7
-"""Score of the only column of a quantity, for the only joint."""
 
 FITTING = {"position": ("position", ""), "torque": ("torque", "current", "force")}
 """Quantities that names may state of columns of a kind, if others than the kind."""
@@ -140,7 +138,7 @@ def by_number(belief: Belief, kind: str) -> Scores:
         like = likeness(about, own) * _fits(about, kind)
         same = joint not in positions or positions[joint].about.numbers == about.numbers
         if bare == {name} and len(belief.kinds) == 1:
-            scores[name, joint] = max(like, ALONE)
+            scores[name, joint] = max(like, LIKE)
         elif about.shares_numbers_alone(own) and same and about.measured and set(own.core) <= set(about.core):
             scores[name, joint] = like
     return scores
@@ -157,12 +155,12 @@ def _by_following(belief: Belief, _: str) -> Scores:
         for name, about in free.items():
             u = log.columns[name]
             like = likeness(about, own[joint]) * (not about.shares_numbers_alone(own[joint]))
-            like = max(like, 0.0, ALONE * (about.numbers == numbers and bool(numbers)))
+            like = max(like, 0.0, LIKE * (about.numbers == numbers and bool(numbers)))
             score = EXACT if name == COMMAND.format(joint) else min(1.0, like + 0.2)
             # Controllers call torques u as well.
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
             if alike and abs(np.corrcoef(u, q)[0, 1]) > 0.8:
-                scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))
+                scores[name, joint] = max(score, LIKE * (len(belief.axes) == 1))
     return scores
 
 
@@ -332,7 +330,8 @@ def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> Non
         position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
         if not log.states_unit(position):
             size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
-            unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
+            unit = stated or ("mm" if size > LONGEST else "m")
+            why = "by its name" if stated else f"it goes to {size:.3g}"
             entries["unit"] = TableEntry(unit, why)
         entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
         belief.poses[BASE] = ColumnGroup(BASE, entries)

@@ -87,7 +87,7 @@ OF_UNIT = {
 """Quantities that a unit shows."""
 
 LIKE = 0.6
-"""Smallest likeness of names that may mean the same."""
+"""Smallest likeness of names that may mean the same, and that of the only column of a quantity for the only joint."""
 
 NEAR = 0.05
 """Differences of likeness below this leave the choice open."""

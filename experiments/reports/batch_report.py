@@ -17,6 +17,7 @@ from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
 from ident.judgement.finding import title_of
+from ident.judgement.residuals import DISAGREE
 from ident.judgement.verdict import Outcome as Verdict
 from ident.judgement.wording import number_of
 from ident.mechanism.mechanism import Mechanism
@@ -24,9 +25,6 @@ from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
-
-APART = 2.0
-"""Differences between logs over those that their noise explains, from which this is a doubt."""
 
 ROUNDING = 1e-6
 """Difference of two logs' parameters over their standard deviations, up to which one log is a copy of the other."""
@@ -143,7 +141,7 @@ def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[
     """Sentences on the agreement of the logs, and the doubt that they are; "" if they are none."""
     firsts = [next((y.log for y in outcomes[:k] if _copied(x, y)), "") for k, x in enumerate(outcomes)]
     copies = [f"{x.log} (as {first})" for x, first in zip(outcomes, firsts, strict=True) if first]
-    k, differ, wide = agreed.most[0], agreed.differ, agreed.spread > APART
+    k, differ, wide = agreed.most[0], agreed.differ, agreed.spread > DISAGREE
     names = [each.log for each, differs in zip(outcomes, differ, strict=True) if differs]
     most = with_bodies([agreed.names[k]], bodies)
     chi2 = ""

@@ -20,12 +20,12 @@ from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.files.readers import name_of
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import IDLE
-from ident.judgement.wording import NAMED, number_of
+from ident.judgement.wording import number_of
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.stated import Servo
-from ident.tolerances import DRIVE, ROUNDING
+from ident.tolerances import DRIVE, NAMED, ROUNDING
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim_model import OpenSimOrigin

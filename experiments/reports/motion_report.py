@@ -19,8 +19,8 @@ from experiments.studies.user_files import Angles
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.files.atomic import save_arrays
 from ident.geometry.inertia import with_bodies
-from ident.judgement.wording import NAMED
 from ident.recordings.recording import STATES
+from ident.tolerances import NAMED
 from sim.markers.lengths import Scaling, write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.notes import joint_name

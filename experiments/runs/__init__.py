@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 GRACE = 1.5
-"""Seconds that a command has to clean up after a request to terminate."""
+"""Seconds that a command has to clean up after a request to end, and in which further ones are those of an impatient
+hand."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask a command to end."""

@@ -27,12 +27,10 @@ from ident.errors import InputError
 from ident.files.arrays import arrays
 from ident.files.atomic import save_arrays
 from ident.files.limits import parsed_json, reason
+from ident.tolerances import NAMED
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
-
-SHOWN = 3
-"""Number of differing files that a message names."""
 
 LISTS = "files", "logs"
 """Settings that are lists of files."""
@@ -139,7 +137,7 @@ def named(key: str, kept: Any, wanted: Any) -> str:
     before = kept if isinstance(kept, list) else []
     files = [name for each in wanted if each not in before for name in _names(each)]
     files = files or [name for each in before if each not in wanted for name in _names(each)]
-    return f"{key} ({listed(files, SHOWN)})" if files else key
+    return f"{key} ({listed(files, NAMED)})" if files else key
 
 
 def _names(entry: Any) -> list[str]:

@@ -257,8 +257,7 @@ def _within_loops(problem: DesignProblem, limits: Limits) -> tuple[DesignProblem
     low, high = reachable(tree, problem.whole.ranges, rest, limits.low, limits.high)
     # Searches start from the nearest of some random postures in which the loops are closed.
     q = np.random.default_rng(0).uniform(low, high, (200, len(low)))
-    places = [tree.joints.index(joint) for joint in tree.closure.independent]
-    closure = tree.closure.along(q[:, places], np.zeros(len(q)))
+    closure = tree.closure.along(q[:, tree.of_loops[0]], np.zeros(len(q)))
     mechanism = replace(problem.mechanism, tree=replace(tree, closure=closure))
     return replace(problem, mechanism=mechanism), replace(limits, low=low, high=high)
 

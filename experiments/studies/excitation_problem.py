@@ -26,7 +26,7 @@ from ident.model import regressor
 from ident.model.axes import Axes, column_place, stated_values
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor, pulled_back
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
-from ident.parameters.prior import DRIVE_KNOWN, known_rows
+from ident.parameters.prior import known_rows
 from ident.parameters.structure import Sensors
 from ident.tolerances import STRIBECK
 from sim.models.couplings import check_torques
@@ -120,7 +120,7 @@ def problem(
         drive: Drives to determine as well, as for `ident.identify`; they need torques.
 
     Raises:
-        ModelError: A joint does not exist, or is neither hinge nor slide; or the mechanism has none.
+        ModelError: A joint does not exist, is neither hinge nor slide, or depends on others; or the mechanism has none.
         InputError: Drives are to be determined from a wrench.
     """
     if sensors == "wrench" and drive != ():
@@ -131,16 +131,22 @@ def problem(
     joints = [joint for joint in mechanism.tree.joints if kinds.get(joint) in ONE_DOF]
     moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
-    depending = _dependent(mechanism, names)
+    # Loops move the joints that no actuator drives, or without actuators those that are not named.
+    driven = {*mechanism.in_loops} & {*mechanism.driven}
+    depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
+    if wrong := [joint for joint in names or () if joint in depending]:
+        leads = [joint for joint in mechanism.in_loops if joint not in depending]
+        on = f"depend on {', '.join(leads)}. Name {' '.join(leads)} with --joints" if leads else "rest. Name others"
+        raise ModelError(f"Joint '{wrong[0]}' cannot be excited: loops make it {on}, or leave some out with --ignore.")
     moving = [joint for joint in moving if joint not in depending]
     rest = rest_coordinates(model, base)
     resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}
     locked = mechanism.fixed(resting).closed(depending, moving)
-    if held := [joint for joint in moving or joints if joint not in locked.tree.joints]:
-        hold = (
-            f"loops hold it while {', '.join(resting)} rests. Name other joints with --joints, or leave constraints out"
+    if held := [joint for joint in moving if joint not in locked.tree.joints]:
+        raise ModelError(
+            f"Joint '{held[0]}' cannot be excited: loops hold it while {', '.join(resting)} rests. Name other joints "
+            "with --joints, or leave constraints out with --ignore."
         )
-        raise _not_excitable(held[0], mechanism, f"{hold} with --ignore." if resting else "")
     gravity = mechanism.gravity
     if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
@@ -160,31 +166,6 @@ def problem(
         parameters,
         () if wrench else determined(locked, parameters, drive),
     )
-
-
-def _dependent(mechanism: Mechanism, names: Sequence[str] | None) -> tuple[str, ...]:
-    """Joints that loops move: those that no actuator drives, or without actuators those that are not named.
-
-    Raises:
-        ModelError: One is named.
-    """
-    loops = mechanism.in_loops
-    driven = {*loops} & {*mechanism.driven}
-    depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
-    if wrong := [joint for joint in names or () if joint in depending]:
-        leads = [joint for joint in loops if joint not in depending]
-        why = f"loops make it depend on {', '.join(leads)}. Name {' '.join(leads)} with --joints." if leads else ""
-        raise _not_excitable(wrong[0], mechanism, why)
-    return depending
-
-
-def _not_excitable(joint: str, mechanism: Mechanism, why: str) -> ModelError:
-    """Refusal of a joint, for a reason; without one the loops are rigid."""
-    names = " ".join(row.name for row in mechanism.constraints.rows)
-    rigid = (
-        f"loops leave {', '.join(mechanism.in_loops)} no motion. If one is wrong, leave it out with --ignore {names}."
-    )
-    return ModelError(f"Joint '{joint}' cannot be excited: {why or rigid}")
 
 
 def _whitening(
@@ -265,7 +246,7 @@ def drive_deviations(mechanism: Mechanism, drives: Sequence[str]) -> np.ndarray:
     torques = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity) @ mechanism.known
     size, per = 0.1 * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
     usual = np.array([size[k] / per.get(kind, 1.0) for kind, k in _places(mechanism, drives)])
-    stated = DRIVE_KNOWN * stated_values(mechanism, drives)
+    stated = stated_values(mechanism, drives)
     return np.where(stated > 0, stated, usual)
 
 

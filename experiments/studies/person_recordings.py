@@ -101,7 +101,7 @@ class Faults:
         """The person with true axes, centres and gravity, from the stated one."""
         bodies = [self._tilted(body) for body in who.tree.bodies]
         for joint, shift in self.centres.items():
-            body = bodies[first := who.tree.first_link(who.tree.compounds[joint][0])]
+            body = bodies[first := who.tree.compounds[joint][0]]
             bodies[first] = replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] + shift))
         return replace(who, tree=Tree(tuple(bodies)), gravity=self.gravity.as_matrix() @ who.gravity)
 

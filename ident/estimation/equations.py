@@ -16,7 +16,7 @@ from ident.mechanism.mechanism import Mechanism, out_of_plane
 from ident.mechanism.motion import Motion
 from ident.model.axes import Axes, Couplings, column_place, stated_values
 from ident.model.compiled import zeros
-from ident.model.regressor import chunk, drive_signals, inverse_dynamics, program_inputs, regressor_program
+from ident.model.regressor import CHUNK, drive_signals, inverse_dynamics, program_inputs, regressor_program
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
@@ -226,7 +226,7 @@ class Equations:
         moving, (wrench, torques) = samples.motion.base is not None, self._parts()
         kinds = [kind for kind, channels in ((False, wrench), (True, torques)) if channels]
         programs = {kind: self.program(moving=moving, torques=kind, order=order) for kind in kinds}
-        size = min(*map(chunk, programs.values()), len(samples))
+        size = min(CHUNK, len(samples))
         block = self.block(size)
         blocks = {kind: np.zeros((rank, len(arm.tree.freedoms) if kind else 6, size)) for kind in kinds}
         if self.straight:

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS, SLIP
-from ident.estimation.recorded_motion import REFERENCES, WIDTH, Tracked, base_motion, joint_states, reading
+from ident.estimation.recorded_motion import WIDTH, Tracked, base_motion, joint_states, reading
 from ident.estimation.setup_parameters import MARKERS, ChannelParameters
 from ident.geometry.se3 import coAd, inverse, pose
 from ident.mechanism.motion import Motion
@@ -267,7 +267,7 @@ class Measurement(ChannelParameters):
         for k, (name, (body, frame, markers, of_frame)) in enumerate(self.tracked.items()):
             T = base @ pose(motions[body].R, motions[body].p) @ markers @ self.displacement(MARKERS.format(name), theta)
             T = inverse(frame @ self.displacement(of_frame, theta)) @ T
-            out += reading(T, measured[:, k].reshape(REFERENCES))
+            out += reading(T, measured[:, k].ravel())
         return out
 
     def torque_gains(self, theta: np.ndarray) -> np.ndarray:

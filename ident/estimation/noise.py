@@ -22,7 +22,7 @@ STRETCH = 1.2
 """Assumed ratio of the noise's correlation time to that of the residuals."""
 
 CHANCE = 2.0
-"""Autocorrelation, in standard deviations of that of white noise, up to which a residual is taken as white."""
+"""Autocorrelation, in standard deviations of that of white noise, up to which noise is taken as white."""
 
 LEAST_LEFT = 0.3
 """Least share of the noise's variance that is assumed to remain in the residuals."""

@@ -21,8 +21,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
-from ident.recordings.times import LEAST_SAMPLES, Sampled, side_by_side
+from ident.recordings.smoothing import chosen_cutoff, smoothed
+from ident.recordings.times import Sampled, side_by_side
+from ident.tolerances import LEAST_SAMPLES
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""
@@ -30,12 +31,11 @@ Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
-WIDTH, REFERENCES = 6, 12
-"""Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
+WIDTH = 6
+"""Channels of a tracked body; its measured orientation, rotation matrix and r, has twice as many numbers."""
 
-ALIGNED, EXACT = 100, 1e-12
-"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all; and
-tolerance of the fit."""
+ALIGNED = 100
+"""Approximate number of samples by which unknown frames are aligned: a start, as they are estimated from all."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -123,8 +123,8 @@ def motion_cutoff(
         except InputError:
             if filters:
                 raise
-            if (samples := len(recording.time)) <= PADDING:
-                message = f"An identification needs more than {PADDING} samples, got {samples}."
+            if (samples := len(recording.time)) < LEAST_SAMPLES:
+                message = f"An identification needs at least {LEAST_SAMPLES} samples, got {samples}."
                 raise InputError(message) from None
             return USUAL * recording.rate
     try:
@@ -199,12 +199,11 @@ def check_tracked(mechanism: Mechanism, recording: Recording, resting: Collectio
                 f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; poses of the base "
                 f"belong under [base] of the columns file. Got '{tracker.body}'."
             )
-        shapes = {f"{name}_position": (3,), f"{name}_orientation": (4,)}
-        for channel, shape in shapes.items():
-            given = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
-            if given != shape:
-                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {shape[0]}), got {given}.")
-        x, (position, orientation) = _of_tracked(recording, name).values, shapes
+        position, orientation = f"{name}_position", f"{name}_orientation"
+        for channel, size in ((position, 3), (orientation, 4)):
+            if (shape := recording[channel].shape)[1:] != (size,):
+                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {size}), got shape {shape}.")
+        x = _of_tracked(recording, name).values
         norm, whole = np.linalg.norm(x[:, 3:], axis=1), x[np.isfinite(x).all(axis=1)]
         if (wrong := np.abs(norm - 1) > UNIT).any():
             at = int(wrong.argmax())
@@ -226,7 +225,7 @@ def _of_tracked(recording: Recording, name: str) -> Sampled:
 def measured_poses(recording: Recording, name: str) -> Sampled:
     """Channels of a tracked body and its orientations, as for `reading`, NaN where a sample is missing (N, 6 + 12)."""
     time, x = _of_tracked(recording, name)
-    there, values = np.isfinite(x).all(axis=1), np.full((len(x), WIDTH + REFERENCES), np.nan)
+    there, values = np.isfinite(x).all(axis=1), np.full((len(x), 3 * WIDTH), np.nan)
     turned = Rotation.from_quat(x[there, 3:], scalar_first=True)
     r = (turned.mean().inv() * turned).as_rotvec()
     values[there] = np.hstack([x[there, :3], r, turned.as_matrix().reshape(-1, 9), r])
@@ -271,7 +270,7 @@ def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[
         return np.concatenate([(inverse(F) @ T @ M - measured)[:, :3].ravel() for (F, M), (T, measured) in each])
 
     starts = (np.append(turn.as_rotvec(), np.zeros(3)) for turn in Rotation.create_group("O"))
-    fits = [least_squares(errors, x, method="lm", xtol=EXACT, ftol=EXACT, gtol=EXACT) for x in starts]
+    fits = [least_squares(errors, x, method="lm") for x in starts]
     solved = frames(min(fits, key=lambda fit: fit.cost).x)
     return {
         name: Tracked(tree.names.index(each.body), F, M, TRACKER if each.frame is None else "a stated frame")

@@ -220,19 +220,16 @@ def _centres(equations: Equations, loops: Sequence[str], *, felt: bool, moving: 
         moving: True if the base moves.
     """
     tree, std, out = equations.mechanism.tree, equations.mechanism.centre_std or 0.0, list[SetupParameter]()
-    firsts = {joint: tree.first_link(members[0]) for joint, members in tree.compounds.items()}
-    names = {first: joint for joint, first in firsts.items()}
-    parents = {joint: tree.bodies[first].parent for joint, first in firsts.items()}
+    names = {members[-1]: joint for joint, members in tree.compounds.items()}
+    parents = {joint: tree.bodies[members[0]].parent for joint, members in tree.compounds.items()}
     on_base = [joint for joint, i in parents.items() if i == BASE or not (moving or i in tree.moved)]
     for joint, members in tree.compounds.items():
-        parent = parents[joint]
+        parent, other, link = parents[joint], names.get(parents[joint], ""), np.zeros(3)
         if on_base == [joint] or {tree.bodies[i].name for i in members} & {*loops}:
             continue
-        R, before = _home(tree, parent)[:3, :3], tree.chain(parent)
-        turns = [R.T @ _home(tree, i)[:3, :3] @ tree.bodies[i].motions[3:] for i in before]
-        across_axis = np.abs(np.hstack([np.zeros((3, 0)), *turns])) > ROUNDING
-        axes = [k for k in range(3) if felt or np.delete(across_axis, k, axis=0).any()]
-        other, link = "" if parent == BASE else names.get(tree.first_link(parent), ""), np.zeros(3)
+        R = _home(tree, parent)[:3, :3]
+        turns = [R.T @ _home(tree, i)[:3, :3] @ tree.bodies[i].motions[3:] for i in tree.chain(parent)]
+        axes = [k for k in range(3) if felt or any(np.delete(abs(w) > ROUNDING, k, axis=0).any() for w in turns)]
         if other:
             end, start = (_home(tree, i) @ _centre(tree.bodies[i]) for i in (members[0], parent))
             link = R.T @ (end - start)[:3]
@@ -290,16 +287,14 @@ class ChannelParameters:
     @cached_property
     def shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        return self._shifts(of_poses=False)
+        every = reversed(self.setup_at.items())
+        return {at: shift for at, each in every if each.row.of != CLOCKS and (shift := each.row.shift)}
 
     @cached_property
     def pose_shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of poses by index in θ."""
-        return self._shifts(of_poses=True)
-
-    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
-        own = {at: each.row for at, each in self.setup_at.items() if (each.row.of == CLOCKS) == of_poses}
-        return {at: row.shift for at, row in reversed(own.items()) if row.shift is not None}
+        every = self.setup_at.items()
+        return {at: shift for at, each in every if each.row.of == CLOCKS and (shift := each.row.shift)}
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""
@@ -346,7 +341,7 @@ class ChannelParameters:
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
         for joint, members in self.tree.compounds.items():
             if self.of_kind("centre", joint):
-                first = bodies[k := self.tree.first_link(members[0])]
+                first = bodies[k := members[0]]
                 place = first.home[:3, 3] + self._vector("centre", joint, theta)
                 bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
         return replace(self.tree, bodies=tuple(bodies))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.csv_file import lines_of, opened_text
-from ident.files.limits import LIMIT, NUMBER, PIECE, check_size, parsed_json, reason, undamaged
+from ident.files.limits import LIMIT, NUMBER, OBJECT, PIECE, check_size, parsed_json, reason, undamaged
 from ident.files.table import METADATA, SUFFIXES, TRUE, Table, short, vector_columns
 
 JSON_LINES = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
@@ -22,9 +22,6 @@ JSON_LINES = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
 
 STAMPS = (("sec", "nanosec"), ("secs", "nsecs"))
 """Names of the parts of a time of ROS, which is one number."""
-
-IN_MEMORY = 5 * NUMBER
-"""Bytes of a value while a file is read: an object of 24 bytes, its place in a list, and the number."""
 
 
 def json_tables(path: Path, limit: int) -> list[Table]:
@@ -39,7 +36,7 @@ def json_tables(path: Path, limit: int) -> list[Table]:
         for row, line in lines_of(text):
             sample = _sample(row, line)
             new = [name for name in sample if name not in cells]
-            text.check_size(IN_MEMORY * (len(cells) + len(new)) * (len(rows) + 1))
+            text.check_size(OBJECT * (len(cells) + len(new)) * (len(rows) + 1))
             cells |= {name: [None] * len(rows) for name in new}
             for name, column in cells.items():
                 column.append(sample.get(name))
@@ -155,9 +152,6 @@ def _sizes(path: Path, limit: int) -> Iterator[int]:
             stream.seek(end)
 
 
-EMPTY = 1_000_000
-"""Bytes that an empty array may claim by its other dimensions."""
-
 MEASURED, TRUTH = "measured/", "true/"
 """Prefixes of the names of members that hold channels, and their true values."""
 
@@ -214,7 +208,7 @@ def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
             raise LogError("it is compressed in another way than by numpy.savez_compressed")
         with archive.open(member) as stream:
             array = np.lib.format.read_array(stream, allow_pickle=False)
-        if math.prod(max(1, n) for n in array.shape) * array.itemsize > max(member.file_size, EMPTY):
+        if math.prod(max(1, n) for n in array.shape) * array.itemsize > max(member.file_size, PIECE):
             raise LogError(f"an array of {array.shape} is none")
         return array
 

@@ -85,7 +85,7 @@ EPOCH = 1e6
 """First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
 
 FAR = 1e30
-"""Upper limit of the numbers from which others are computed, as products of four."""
+"""Upper limit of times, of a model's numbers and of those from which others are computed, as products of four."""
 
 
 @dataclass(frozen=True)

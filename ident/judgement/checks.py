@@ -17,7 +17,7 @@ from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
-from ident.tolerances import FAR_BETTER, ROUNDING
+from ident.tolerances import CLEARLY, FAR_BETTER, NOTABLY, ROUNDING
 
 
 class FrameCheck(NamedTuple):
@@ -60,10 +60,6 @@ class BaseCheck(NamedTuple):
 
 NEAR = 0.12
 """Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
-
-AS_NEAR = 1.03
-"""Distances within this factor of the smallest one are as good as the same: of a person who walks on two plates, forces
-pass the shank by 2 % less than the foot on the plate."""
 
 
 class ContactCheck(NamedTuple):
@@ -134,7 +130,7 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
     # In a planar motion several fit; the simplest mistake is the likeliest.
-    best = next(k for k, each in enumerate(errors) if each <= max(model_fit.TIE * min(errors), ROUNDING))
+    best = next(k for k, each in enumerate(errors) if each <= max(CLEARLY * min(errors), ROUNDING))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
 
@@ -198,7 +194,8 @@ def check_contact(
     """
     poses = tree.poses(q)
     checks = [_contact_on(tree, i, poses[:, i], residual) for i in tree.inertial]
-    near = max(near, AS_NEAR * min(check.distance for check in checks))
+    # Of a person who walks on two plates, forces pass the shank by 2 % less than the foot on the plate.
+    near = max(near, NOTABLY * min(check.distance for check in checks))
     likely = [check for check in checks if check.body in usual and check.distance < near]
     return min(likely or checks, key=lambda check: check.distance)
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ident.display.brief import rounded
 from ident.estimation.setup_parameters import SetupParameter
-from ident.judgement.wording import NAMED, InWords, listed
+from ident.judgement.wording import InWords, listed
 from ident.setup import SETUP
+from ident.tolerances import NAMED
 from ident.trajectory.result import TrajectoryEstimate
 
 WORDS = 7

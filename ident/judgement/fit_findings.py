@@ -15,18 +15,11 @@ from ident.judgement.residuals import BEYOND_CHANCE, DISAGREE, beyond_fast_noise
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
-from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
+from ident.tolerances import CLEARLY, CONDITION_LIMIT, FAR_BETTER, LEFT, NOTABLY, POOR, UNEXPLAINED
 from ident.trajectory.fit.repeats import repeating
 
 RIVALS = LEAST_SQUARES, MODEL
 """The other candidates, as they are called in `Estimate.rivals`."""
-
-NOTABLY = 1.1
-"""Ratio of two residuals from which one prediction is better than another."""
-
-CLEARLY = 1.25
-"""The same from which it is clearly better: of a hundred independent samples, more than which few held-out parts have,
-the root mean square is known to 7 % and the ratio of two to 10 %."""
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
@@ -121,11 +114,6 @@ FAR_LESS = 30.0
 """Standard deviation from the data over that of the prior from which the motion determines nothing: .2 and .3 in a
 simulated arm and a real pendulum, 43 in a real UR10 whose torques leave one combination open, more for people."""
 
-CHANGED = 2.0
-"""Residual over signal in a log over its median in the others from which something changed, however well it is
-predicted beside other candidates: trials of a real pendulum that disagree have up to 1.8, one whose force reads a fifth
-more has 4."""
-
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
     """A doubt on a trajectory estimate that was interrupted, or whose last step was above 0.3 standard deviations."""
@@ -153,11 +141,15 @@ def halves_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _predicted(evidence: Evidence, k: int) -> bool:
-    """True if the estimate predicts a log best of all candidates, and no channel far worse than in the other logs."""
+    """True if the estimate predicts a log best of all candidates, and no channel far worse than in the other logs.
+
+    Of trials of a real pendulum that disagree, the residual is up to 1.8 of the others' median; of one whose force
+    reads a fifth more it is 4.
+    """
     ratios = np.array([each[ESTIMATE] for each in evidence.in_logs])
     usual = np.median(np.delete(ratios, k, axis=0), axis=0)
     best = Candidates.explaining(evidence.channels, evidence.in_logs[k]).best
-    return best == ESTIMATE and not (ratios[k] > CHANGED * usual).any()
+    return best == ESTIMATE and not (FAR_BETTER * ratios[k] > usual).any()
 
 
 def own_findings(evidence: Evidence) -> Iterator[Finding]:

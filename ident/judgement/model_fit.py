@@ -28,10 +28,7 @@ from ident.mechanism.motion import BaseMotion, Motion, joined
 from ident.model.axes import Axes
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.prior import known_roots
-from ident.tolerances import FAR_BETTER
-
-TIE = 1.25
-"""Factor on the smallest error up to which errors count as equal."""
+from ident.tolerances import CLEARLY, FAR_BETTER
 
 SAMPLES = 40
 """Number of samples used, evenly spread: what the model lacks is alike for samples next to each other."""
@@ -218,10 +215,10 @@ def gravity_check(
     stated, misfit, along = fit.misfit(fit.down), fit.misfit(best), float(fit.down @ best)
     # Other signs or offsets of channels, or axes of the wrench: what is alike counts as it is likelier.
     # Torques with negative power would drive against friction, as masses and springs return their energy.
-    other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < -0.02 else TIE)
+    other = fit.otherwise() * (1 / CLEARLY if not fit.felt or _power(mechanism, motion, measured) < -0.02 else CLEARLY)
     # Where joints move in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     lighter = fit.misfit(along * fit.down) if along > TURNS[-1] else np.inf
-    possible = along < AWAY and misfit < min(FAR_BETTER * stated, TIE**2 * other, FAR_BETTER * lighter)
+    possible = along < AWAY and misfit < min(FAR_BETTER * stated, CLEARLY**2 * other, FAR_BETTER * lighter)
     joint = None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down)
     return GravityCheck(stated, misfit, rpy_deg(mechanism, best), joint, possible, possible and misfit < other)
 

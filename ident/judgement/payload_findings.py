@@ -14,6 +14,7 @@ from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import course_findings, halves_findings, model_error_findings, quality_findings
 from ident.judgement.mass_findings import consistency_findings
 from ident.judgement.recording_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
+from ident.judgement.residuals import BEYOND_CHANCE
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, LIKELY, POOR, SIGNIFICANT
@@ -26,10 +27,6 @@ PLACES = ("mass", "centre x", "centre y", "centre z")
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, in the order of the parameters."""
-
-SHOWN = 3.0
-"""Standard deviations of a load's mass above zero from which recordings show it, and from a stated one from which they
-contradict that."""
 
 HEAVIEST = 2300.0
 """Largest possible mass of a payload, kg: what the strongest robot on the market carries. Robots carry up to what they
@@ -101,9 +98,9 @@ def load_findings(
         differing: χ² of both kinds of recordings, less what the load explains, and its degrees of freedom.
     """
     out = [*{finding.text: finding for finding in others if finding.doubt}.values()]
-    if weighed is None and mass < SHOWN * std:
+    if weighed is None and mass < BEYOND_CHANCE * std:
         out.append(Finding.of("load_not_shown", mass=mass, std=std))
-    if weighed is not None and abs(mass - weighed[0]) > SHOWN * np.hypot(std, weighed[1]):
+    if weighed is not None and abs(mass - weighed[0]) > BEYOND_CHANCE * np.hypot(std, weighed[1]):
         out.append(Finding.of("load_weighs_another", mass=mass, std=std, weighed=weighed[0]))
     if mass > robot:
         out.append(Finding.of("payload_mass_unlikely", doubt=mass > LIKELY * robot, mass=mass, robot=robot))

@@ -25,7 +25,7 @@ from ident.mechanism.motion import Motion
 from ident.recordings.smoothing import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
-from ident.tolerances import LEFT, POOR, SIGNIFICANT, SINGULAR
+from ident.tolerances import LEFT, NAMED, POOR, SIGNIFICANT, SINGULAR
 from ident.trajectory import left_out
 from ident.trajectory.fit.fitted import embedded, inverse_of_precision, sandwich
 from ident.trajectory.left_out import of_contacts
@@ -177,7 +177,7 @@ def fast_noise(joint: TrajectoryEstimate, columns: Iterable[int]) -> np.ndarray:
 
 
 DISAGREE = 2.0
-"""Root mean square z of the differences between halves above which they disagree."""
+"""Root mean square z of the differences between halves or between logs above which they disagree."""
 
 LEAST_ADDED = 0.01
 """Least variance of these differences, over a parameter's own: it is computed as a difference, with rounding errors."""
@@ -185,12 +185,6 @@ LEAST_ADDED = 0.01
 BEYOND_CHANCE = 4.0
 """Standard deviations from which a difference is no chance: of thousands of normal numbers none is as large, and the
 standard deviations may be a third too small."""
-
-UNLIKELY = 0.01
-"""p-value of χ² below which a difference is called more than noise."""
-
-MOST = 5
-"""Number of parameters that a sentence names."""
 
 
 def differences(joint: TrajectoryEstimate) -> np.ndarray | None:
@@ -341,10 +335,10 @@ class Comparison(Worded):
     @property
     def differs(self) -> bool:
         """True if the difference is more than noise."""
-        return self.p_value < UNLIKELY
+        return self.p_value < SIGNIFICANT
 
     def __str__(self) -> str:
-        largest = "; ".join(f"{name} by {by} ± {std} {unit} (z {z})" for name, by, std, unit, z in self._rows(MOST))
+        largest = "; ".join(f"{name} by {by} ± {std} {unit} (z {z})" for name, by, std, unit, z in self._rows(NAMED))
         p = f"p {self.p_value:.2g}" if self.p_value else "p below 1e-300"
         how = "more" if self.differs else "no more"
         return (

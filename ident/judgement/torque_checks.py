@@ -21,19 +21,13 @@ from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
 from ident.regression.ordinary import Fit
-from ident.tolerances import FAR_BETTER, SINGULAR
+from ident.tolerances import AGREES, FAR_BETTER, SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
 """Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""
 
-SCALE, ALIKE = 3.0, 0.8
-"""Factor between measured and predicted torque from which a unit or a gear ratio is missing; and the least share of the
-measured variance that the prediction must explain for that."""
-
-FAR = 2.0
-"""Distance of a torque from the model's, over the largest that likely bodies explain, above which the unit is wrong.
-Smaller ones may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm
-in its model, is 11.6 times the model's."""
+SCALE = 3.0
+"""Factor between measured and predicted torque from which a unit or a gear ratio is missing."""
 
 
 class TorqueLoad(NamedTuple):
@@ -149,8 +143,10 @@ def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: f
     error, opposite = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
     gain, share = float(measured @ predicted) / size, float(measured @ predicted) / whole
     alike = gain * share
-    far = error > FAR * max(uncertain, 1e-300)
-    scaled = alike > ALIKE and far and not 1 / SCALE < abs(gain) < SCALE
+    # Smaller distances may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its
+    # joint, 5 mm in its model, is 11.6 times the model's.
+    far = FAR_BETTER * error > max(uncertain, 1e-300)
+    scaled = alike > AGREES and far and not 1 / SCALE < abs(gain) < SCALE
     return TorqueCheck(joint, gain, opposite < FAR_BETTER * error, scaled)
 
 

@@ -36,6 +36,7 @@ from ident.model.regressor import inverse_dynamics
 from ident.recordings.smoothing import running_median, runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import GROUND
+from ident.tolerances import NOTABLY
 from ident.trajectory.angles_alone import smoothed
 
 SHARPER = 0.5
@@ -163,12 +164,6 @@ def _unloaded(prepared: Prepared, part: slice) -> set[str]:
             loaded[body] = loaded.get(body, 0.0) + float(share)
     return {body for body, share in loaded.items() if share < 1 / 2}
 
-
-CLEARLY = 0.9
-"""Residual with a hypothesis over that without, geometric mean over the channels, below which it is a doubt: at least
-0.93 in five real recordings and in eight of simulated lifters whose delay was found; 0.4-0.7 for a cable that pulls
-with 10 N/m, and 0.4-0.9 for a link whose length is 15 % off. Of 43 other recordings without a fault none asks for
-it."""
 
 ENOUGH = 5.0
 """Least number of fitted samples per column: in 156 exact samples of a right model of 149 columns, a force that does
@@ -306,9 +301,14 @@ def _channels(
 
 
 def unmodelled_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on a model that lacks a force or has a wrong length, with hypotheses nearly as good as the best."""
-    clear = [each for each in evidence.unmodelled if each.ratio < CLEARLY]
-    alike = [each for each in clear if each.ratio < 1.1 * clear[0].ratio]
+    """Doubt on a model that lacks a force or has a wrong length, with hypotheses about as good as the best.
+
+    The residual with a hypothesis over that without is at least 0.93 in five real recordings and in eight of simulated
+    lifters whose delay was found; 0.4-0.7 for a cable that pulls with 10 N/m, and 0.4-0.9 for a link whose length is
+    15 % off. Of 43 other recordings without a fault none asks for it.
+    """
+    clear = [each for each in evidence.unmodelled if NOTABLY * each.ratio < 1]
+    alike = [each for each in clear if each.ratio < NOTABLY * clear[0].ratio]
     if alike:
         causes = [{"kind": each.kind, "body": each.body} for each in alike]
         place = Place(bodies=tuple(dict.fromkeys(each.body for each in alike)))

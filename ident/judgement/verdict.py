@@ -19,8 +19,8 @@ from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import Candidates, candidate_findings
 from ident.judgement.mass_findings import Mass, estimated_mass
 from ident.judgement.unmodelled import unmodelled_findings
-from ident.judgement.wording import CANDIDATES, NAMED, listed, number_of
-from ident.tolerances import POOR, UNEXPLAINED
+from ident.judgement.wording import CANDIDATES, listed, number_of
+from ident.tolerances import NAMED, POOR, UNEXPLAINED
 
 PRECISIONS = 0.1, 0.2, 0.5
 """Relative standard deviations up to which parameters are counted as known."""

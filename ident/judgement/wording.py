@@ -6,9 +6,7 @@ from string import Formatter
 from typing import Any
 
 from ident.judgement.residuals import FAR_ABOVE
-
-NAMED = 4
-"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
+from ident.tolerances import NAMED
 
 CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
 """Candidates in words."""

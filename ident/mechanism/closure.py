@@ -7,7 +7,7 @@ the recorded equations: with it, the derivatives of all that depends on q_a are 
 q_d = G q_a + k. Least squares take redundant constraints, as those of loops in a plane are.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -35,9 +35,6 @@ SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
 one in which bodies are aligned."""
 
-NEAR = 0.06
-"""Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
-
 
 class BodyKinematics(NamedTuple):
     """Poses (…, 4, 4), twists and their rates (…, 6), of bodies and last of the base; the joints' screws and states."""
@@ -60,20 +57,16 @@ class Constraint(Protocol):
     def name(self) -> str:
         """Its name."""
 
-    @property
-    def places(self) -> tuple[tuple[float, ...], ...]:
-        """Places on bodies that it needs, none if joints' states are enough."""
-
     def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """Its rows, in base axes, distances over a length so that they count like angles."""
 
 
-def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None, *, placed: bool) -> BodyKinematics:
-    """Kinematics of a tree on a base at rest, without the joints' accelerations; the joints' alone unless placed."""
+def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> BodyKinematics:
+    """Kinematics of a tree on a base at rest, without the joints' accelerations."""
     still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
     states, base = tree.body_states(q, still if dq is None else dq, still), np.zeros(6)
     at = BodyKinematics([np.eye(4)], [base], [base], [], states)
-    for body, (x, dx, ddx) in zip(tree.bodies, states, strict=True) if placed else ():
+    for body, (x, dx, ddx) in zip(tree.bodies, states, strict=True):
         # The base stays last, at the index BASE.
         T = at.poses[body.parent] @ (body.home @ body.joint_pose(x))
         S = Ad(T) @ body.motions
@@ -188,26 +181,40 @@ class Closure:
         if self.affine:
             return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
         flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self.coordinates[0]))
-        return self._continued(flat)[0][:, self.coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
+        *_, q = self.way(flat)
+        return q[:, self.coordinates[1]].reshape(*np.shape(x)[:-1], len(self.dependent))
 
-    def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates of the part (N, n_q), and if watched, the smallest singular values on the way to them (N,).
+    def way(self, x: np.ndarray) -> Iterator[np.ndarray]:
+        """Coordinates of the part (N, n_q): the nearest anchors, and as the loops close on the way to independent ones.
 
-        Those are zero beyond a posture in which a determinant changes its sign.
+        Args:
+            x: Independent coordinates (N, n_q).
         """
-        own, d = self.coordinates[0], self._freedoms[1]
-        q, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
-        start, before = q[:, own], self.rows(q)[1][..., d] if watched else None
-        far = np.abs((x - start) * self._scale).max(initial=0)
-        shares = np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)
-        for share in shares[1:] if far else shares:
-            q[:, own] = start + share * (x - start)
-            q = self._newton(q, ITERATIONS if share == shares[-1] else 4)
-            if before is not None:
-                J = self.rows(q)[1][..., d]
-                passes = np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
-                least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
-        return q, least
+        own = self.coordinates[0]
+        q = self.anchors[self._nearest(x)[1]]
+        start = q[:, own]
+        yield q
+        steps = max(1, int(np.ceil(np.abs((x - start) * self._scale).max(initial=0) / STEP)))
+        for k in range(1, steps + 1):
+            q = q.copy()
+            q[:, own] = start + k / steps * (x - start)
+            q = self._newton(q, ITERATIONS if k == steps else 4)
+            yield q
+
+    def _watched(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates of the part (N, n_q) from independent ones, distances left open, and least singular values (N,).
+
+        The latter are the smallest on the way; zero beyond a posture in which a determinant changes its sign, and where
+        Newton's method does not converge.
+        """
+        least, before = np.ones(len(x)), None
+        for q in self.way(x):
+            residual, J, _ = self.rows(q)
+            J = J[..., self._freedoms[1]]
+            beyond = before is not None and np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
+            least, before = np.minimum(least, np.where(beyond, 0, _least_singular(J))), J
+        left = np.linalg.norm(applied(np.swapaxes(J, -1, -2), residual), axis=-1)
+        return q, np.linalg.norm(residual, axis=-1), np.where(left < ROUNDING, least, 0)
 
     def in_posture(self) -> "Closure":
         """The closure with its loops closed at its only anchor, the posture of a model.
@@ -215,10 +222,7 @@ class Closure:
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        x = self.anchors[:, self.coordinates[0]]
-        q = self._joined(self.coordinates, x, self.solved(x))
-        self._check(q, np.zeros(1, bool), ["in the model's posture"])
-        return replace(self, anchors=q)
+        return replace(self, anchors=self._checked(self.anchors[:, self.coordinates[0]], ["in the model's posture"]))
 
     def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
         """The closure with anchors along a recording.
@@ -233,34 +237,38 @@ class Closure:
         if self.affine:
             return self
         cells = np.unique(np.round(x * self._scale / STEP), axis=0, return_index=True)[1]
-        left, out = np.sort(cells), self
+        left, out, when = np.sort(cells), self, np.array([f"at {t:.6g} s" for t in time])
         while len(left):
             distance = out._nearest(x[left])[0]
             near = distance <= max(2 * STEP, distance.min())
-            q = out._checked(x[left[near]], time[left[near]])
+            q = out._checked(x[left[near]], when[left[near]])
             out, left = replace(out, anchors=np.concatenate([out.anchors, q])), left[~near]
-        out._checked(x, time)
+        out._checked(x, when)
         return out
 
     def closes(self, x: np.ndarray) -> np.ndarray:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
         if self.affine:
             return np.ones(len(x), bool)
-        q, least = self._continued(x, watched=True)
-        apart, _, left = self._defects(q)
-        return np.asarray((apart < OPEN) & (left < ROUNDING) & (least > NEAR))
+        _, apart, least = self._watched(x)
+        # Beside a singular posture loops might change to another branch within half a step.
+        return np.asarray((apart < OPEN) & (least > SINGULAR + STEP / 2))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
-        own, kept = self.coordinates[0], [np.zeros((0, len(self.coordinates[0])))]
+        own, kept = self.coordinates[0], list[np.ndarray]()
         for reach in np.pi / 2.0 ** np.arange(8):
-            start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
-            x = start + rng.uniform(-reach, reach, start.shape) / self._scale
+            x = self.about(rng, samples, reach)
             kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
-        x = np.resize(np.concatenate(kept), (samples, len(own)))
+        x = np.resize(np.concatenate([*kept, self.anchors[:, own]]), (samples, len(own)))
         return {joint: x[:, self.part.owners("coordinates")[own] == joint] for joint in self.independent}
+
+    def about(self, rng: np.random.Generator, samples: int, reach: float) -> np.ndarray:
+        """Random independent coordinates about the anchors, up to a reach in rad or lengths (N, n_q)."""
+        start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, self.coordinates[0]]
+        return start + rng.uniform(-reach, reach, start.shape) / self._scale
 
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
@@ -281,31 +289,25 @@ class Closure:
                 break
         return q
 
-    def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
-        q, least = self._continued(x, watched=True)
-        self._check(q, least == 0, [f"at {t:.6g} s" for t in time])
-        return q
-
-    def _check(self, q: np.ndarray, beyond: np.ndarray, when: Sequence[str]) -> None:
-        apart, least, _ = self._defects(q)
-        is_open = apart > OPEN
-        refused = is_open if is_open.any() else beyond | (least < SINGULAR)
-        if not refused.any():
-            return
-        k, joints = int(refused.argmax()), ", ".join(self.independent)
-        if is_open[k]:
+    def _checked(self, x: np.ndarray, when: Sequence[str] | np.ndarray) -> np.ndarray:
+        """Coordinates of the part (N, n_q) from independent ones; refused where loops are open or singular."""
+        q, apart, least = self._watched(x)
+        joints, k = ", ".join(self.independent), int((apart > OPEN).argmax())
+        if apart[k] > OPEN:
             names = ", ".join(f"'{each.name}'" for each in self.constraints)
             raise ModelError(
                 f"The loops of {names} cannot be closed {when[k]}: {apart[k] * self._length:.2g} m remain. Check the "
                 f"model's posture, its axes, and the zeros, signs and units of {joints or 'its joints'}."
             )
-        if not joints:
-            raise self.rigid()
-        raise ModelError(
-            f"The loops are singular {when[k]}: {joints} there does not determine {', '.join(self.dependent)}. Leave "
-            "that posture out, log one of these joints, or align axes that are meant to be parallel."
-        )
+        if least.min() < SINGULAR:
+            if not joints:
+                raise self.rigid()
+            raise ModelError(
+                f"The loops are singular {when[int((least < SINGULAR).argmax())]}: {joints} there does not determine "
+                f"{', '.join(self.dependent)}. Leave that posture out, log one of these joints, or align axes that are "
+                "meant to be parallel."
+            )
+        return q
 
     def rigid(self) -> ModelError:
         """Refusal of loops without an independent joint."""
@@ -315,20 +317,13 @@ class Closure:
             f"wrong constraint out with --ignore, one of: {names}."
         )
 
-    def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distances that are left open, smallest singular values of the dependent joints' columns, and slopes (N,)."""
-        residual, J, _ = self.rows(q)
-        columns = J[..., self._freedoms[1]]
-        slopes = applied(np.swapaxes(columns, -1, -2), residual)
-        return np.linalg.norm(residual, axis=-1), _least_singular(columns), np.linalg.norm(slopes, axis=-1)
-
     def _joined(self, places: tuple[np.ndarray, np.ndarray], own: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Values of the part (…, n) from those of its independent and dependent joints."""
         return np.concatenate([own, other], axis=-1)[..., np.argsort(np.concatenate(places))]
 
     def rows(self, q: np.ndarray, dq: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (…, m), derivatives by the part's velocities (…, m, n), and accelerations for given velocities."""
-        at, parts = kinematics(self.part, q, dq, placed=any(each.places for each in self.constraints)), []
+        at, parts = kinematics(self.part, q, dq), []
         for each in self.constraints:
             residual, by_body, bias = each.rows(self.part, at, self._length)
             nothing = 0.0 * residual[..., None]
@@ -341,9 +336,8 @@ class Closure:
 
 def _least_singular(columns: np.ndarray) -> np.ndarray:
     """Smallest singular values of unit columns (…,), from columns of any length (…, m, d)."""
-    norms = np.linalg.norm(columns, axis=-2, keepdims=True)
-    values = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False)
-    return np.asarray(values.min(axis=-1, initial=1))
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=-2, keepdims=True), 1e-12)
+    return np.asarray(np.linalg.svd(unit, compute_uv=False).min(axis=-1, initial=1))
 
 
 def _least_squares(J: np.ndarray, b: np.ndarray) -> np.ndarray:

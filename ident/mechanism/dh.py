@@ -120,12 +120,10 @@ def _following(tree: Tree, by_name: Mapping[str, Frame]) -> Tree:
             raise ModelError(f"Frame '{joint}' needs to follow joints out of {others}, got '{unknown[0]}'.")
         second = tuple((owners[name], float(factor)) for name, factor in leads.items())
         rows.append(Relation(joint, ((owners[joint], 1.0),), second, (by_name[joint].constant, 1.0)))
-    if not rows:
-        return tree
     constraints = Constraints(tuple(rows), {joint: np.zeros(1) for joint in tree.joints})
     if {*constraints.dependent(tree, dependent)} != {*dependent}:
         raise ModelError(f"The frames {', '.join(dependent)} follow each other; one of them needs a joint of its own.")
-    return constraints.closed(tree, dependent)
+    return constraints.closed(tree, dependent) if rows else tree
 
 
 def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict[str | None, np.ndarray]]:

@@ -1,7 +1,8 @@
 """Loops of a mechanism: places that coincide, sums of coordinates, and the joints that these make dependent."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.linalg import null_space
 from ident.errors import ModelError
 from ident.geometry.se3 import Ad, applied, hat, inverse, pose
 from ident.mechanism.body import BASE, Body, Follower
-from ident.mechanism.closure import BodyKinematics, Closure, Rows
+from ident.mechanism.closure import OPEN, BodyKinematics, Closure, Rows
 from ident.tolerances import HUGE, ROUNDING
 
 if TYPE_CHECKING:
@@ -21,8 +22,12 @@ PARALLEL = 5e-3
 """Angle up to which axes of loops count as parallel, rad: drawings and scans are off by some milliradians, with more of
 which loops in a plane open visibly."""
 
+SKEW = 0.1
+"""Angle up to which axes of loops may be meant to be parallel, rad: axes that are not are usually degrees apart."""
+
 INDEPENDENT = 1e-3
-"""Part of a column of the constraints that counts as independent of others: models state places with few digits."""
+"""Part of a column of the constraints, or of an axis, that counts as independent of others: models state places and
+axes with few digits."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +50,18 @@ class Coincidence:
         """Indices of both bodies in a tree, `BASE` for one that is none of it."""
         return [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
 
+    def members(self, tree: "Tree") -> set[int]:
+        """Indices of the bodies between both."""
+        one, other = self.ends(tree)
+        return {*tree.chain(one)} ^ {*tree.chain(other)}
+
     def rows(self, tree: "Tree", at: BodyKinematics, length: float) -> Rows:
         """Rows of the constraint, in base axes."""
-        ends = self.ends(tree)
-        chains = [tree.chain(i) for i in ends]
-        common = set(chains[0]) & set(chains[1])
+        ends, between = self.ends(tree), self.members(tree)
         size = 6 if self.whole else 3
         unit = np.repeat([1 / length, 1.0], 3)[:size]
         residual, bias, by_body, R = np.zeros(3), np.zeros(size), dict[int, np.ndarray](), []
-        for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
+        for sign, i, place in zip((1, -1), ends, self.places, strict=True):
             T, V, A = at.poses[i] @ np.reshape(place, (4, 4)), at.twists[i], at.rates[i]
             p, w = T[..., :3, 3], V[..., 3:]
             # The twist of the point, in base axes.
@@ -61,7 +69,7 @@ class Coincidence:
             turned = applied(hat(w), applied(at_point, V)[..., :3])
             centripetal = np.concatenate([turned, 0 * w], axis=-1)[..., :size]
             residual, bias = residual + sign * p, bias + sign * (applied(at_point, A) + centripetal)
-            by_body |= {k: sign * at_point @ at.screws[k] for k in set(chain) - common}
+            by_body |= {k: sign * at_point @ at.screws[k] for k in between & {*tree.chain(i)}}
             R.append(T[..., :3, :3])
         if self.whole:
             E = R[0] @ np.swapaxes(R[1], -1, -2)
@@ -85,12 +93,15 @@ class Relation:
     first: tuple[tuple[str, float], ...]
     second: tuple[tuple[str, float], ...]
     coefficients: tuple[float, ...]
-    places = ()
 
     @property
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that the joints carry."""
         return tuple(name for name, _ in (*self.first, *self.second))
+
+    def members(self, tree: "Tree") -> set[int]:
+        """Indices of these bodies."""
+        return {*map(tree.names.index, self.bodies)}
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Relation":
         """The relation with some coordinates fixed, by the names of the bodies."""
@@ -143,15 +154,12 @@ class Constraints:
         if tree.closure or not self.rows:
             return tree.dependent
         J, owners = self._columns(tree)
-        joints = dict.fromkeys(owners.tolist())
         first = {*self.followers(tree), *(body.joint for body in tree.bodies if body.is_ball)}
-        kinds = {
-            joint: -1 if joint in lacking else 2 if joint in driven else int(joint not in first) for joint in joints
-        }
-        chosen = owners[_independent_columns(J, [kinds[joint] for joint in owners])]
+        order = [-1 if joint in lacking else 2 if joint in driven else int(joint not in first) for joint in owners]
+        chosen = owners[_independent_columns(J, order)]
         # Of a ball all that the constraints see has to follow.
         ranks = {joint: _row_space(J[:, owners == joint]).shape[1] for joint in chosen}
-        return tuple(joint for joint in joints if joint in ranks and sum(chosen == joint) == ranks[joint])
+        return tuple(joint for joint in tree.joints if joint in ranks and sum(chosen == joint) == ranks[joint])
 
     def _columns(self, tree: "Tree") -> tuple[np.ndarray, np.ndarray]:
         """Derivatives in the model's posture by the velocities of the loops (m, n), and their joints' names (n,)."""
@@ -187,9 +195,8 @@ class Constraints:
                 posture |= {link.joint: np.zeros(1) for link in links}
             bodies += links
             places[i] = len(bodies) - 1
-        names = {body.joint for body in bodies} - {*tree.joints} | {*dependent}
         opened = type(tree)(tuple(bodies))
-        own = tuple(joint for joint in opened.joints if joint in names)
+        own = tuple(joint for joint in opened.joints if joint in dependent or joint not in tree.joints)
         return opened.closed(replace(self, posture=posture)._closure(opened, own).in_posture())
 
     def checked(self, tree: "Tree") -> "Constraints":
@@ -204,62 +211,86 @@ class Constraints:
                 raise ModelError(
                     f"The constraint '{row.name}' needs numbers below {HUGE:g}, as of its anchor or polycoef."
                 )
-        loose = [row for row in self.rows if not replace(self, rows=(row,)).hold(tree)]
-        sums = replace(self, rows=tuple(row for row in self.rows if isinstance(row, Relation)))
-        wrong, why = loose, f"they leave {', '.join(self.coupled(tree))} no motion"
-        if len(loose) < 2 or tree.still or not replace(self, rows=tuple(loose)).hold(tree):
-            try:
-                if sums.rows and not tree.still:
-                    sums.closed(tree, sums.dependent(tree))
-                return self
-            except ModelError:
-                wrong, why = list(sums.rows), "no posture satisfies all of them"
-        names = [row.name for row in wrong]
-        raise ModelError(
-            f"The constraints {', '.join(names)} contradict each other: {why}. Leave the wrong one out with --ignore, "
-            f"of {' '.join(names)}."
-        )
+        for wrong in () if tree.still else self._contradictory(tree):
+            names = [row.name for row in wrong.rows]
+            raise ModelError(
+                f"The constraints {', '.join(names)} contradict each other: no motion of "
+                f"{', '.join(wrong.coupled(tree))} satisfies all of them. Leave the wrong one out with --ignore, of "
+                f"{' '.join(names)}."
+            )
+        return self
 
-    def aligned(self, tree: "Tree") -> tuple["Tree", dict[str, float]]:
-        """The tree with those axes of its loops parallel that nearly are, and the angles by which these turned.
+    def _contradictory(self, tree: "Tree") -> Iterator["Constraints"]:
+        """Sets of constraints that each leave motion, but together none or, if sums, in the model's posture alone."""
+        loose = [row for row in self.rows if not replace(self, rows=(row,)).held(tree)]
+        # A third one with a joint of its own does not hide two.
+        pairs = [(one, other) for one, other in combinations(loose, 2) if one.members(tree) == other.members(tree)]
+        for rows in (*pairs, tuple(loose)):
+            yield from replace(self, rows=rows).held(tree)
+        sums = tuple(row for row in self.rows if isinstance(row, Relation))
+        for each in replace(self, rows=sums).apart(tree):
+            if len(each.rows) > 1 and not each._agree(tree):
+                yield each
+
+    def _agree(self, tree: "Tree") -> bool:
+        """True if sums of coordinates can be satisfied in the model's posture and, by as many joints, about it."""
+        closure = self._closure(tree, self.dependent(tree))
+        about = closure.about(np.random.default_rng(0), 9, 1.0)
+        *_, q = closure.way(np.vstack([closure.anchors[:, closure.coordinates[0]], about]))
+        residual, J, _ = closure.rows(q)
+        before, *after = np.linalg.matrix_rank(J, rtol=INDEPENDENT)
+        return bool(np.linalg.norm(residual[0]) <= OPEN and np.median(after) <= before)
+
+    def apart(self, tree: "Tree") -> list["Constraints"]:
+        """The constraints in sets that have no joint in common."""
+        sets = list[Constraints]()
+        for own in (replace(self, rows=(row,)) for row in self.rows):
+            near = [each for each in sets if {*each.coupled(tree)} & {*own.coupled(tree)}]
+            joined = replace(self, rows=(*(row for each in near for row in each.rows), *own.rows))
+            sets = [each for each in sets if each not in near] + [joined]
+        return sets
+
+    def aligned(self, tree: "Tree") -> tuple["Tree", list[str], list[str]]:
+        """The tree with those axes of its loops parallel that nearly are, and the angles by which axes are not.
 
         A loop of hinges moves only if its axes are parallel, and any angle that a file's digits leave adds parameters.
         Hinges turn to the axis nearest to the base, slides until they are across it.
 
         Returns:
-            The tree, and the angles, rad, by the names of the joints.
+            The tree, joints whose axes were turned, and joints whose axes stay but may be meant to be parallel, each
+            with its angle.
         """
+        bodies, moved, drawn = list(tree.bodies), list[str](), list[str]()
         members = members_of(tree, [row for row in self.rows if isinstance(row, Coincidence)])
-        bodies, angles, normals = list(tree.bodies), dict[str, float](), list[tuple[np.ndarray, np.ndarray]]()
-        q = self._coordinates(tree)
+        axes = [i for i in members if tree.bodies[i].moves and not tree.bodies[i].is_ball]
+        normals, q = list[tuple[np.ndarray, np.ndarray]](), self._coordinates(tree)
         R, at = tree.poses(q)[:, :3, :3], tree.body_coordinates(q)
-        for i in sorted(members, key=lambda i: (not tree.bodies[i].turns, i)):
+        for i in sorted(axes, key=lambda i: (not tree.bodies[i].turns, i)):
             body = bodies[i]
-            if body.is_ball or not body.moves:
-                continue
             v, w = np.split(body.twist, 2)
             own = R[i] @ (w if body.turns else v)
             if body.turns:
-                signed = ((np.sign(stated @ own) * np.stack([stated, turned])) for stated, turned in normals)
-                meant = next((turned for stated, turned in signed if np.linalg.norm(stated - own) < PARALLEL), own)
-                normals.append((own, meant))
+                near = [(np.linalg.norm(np.cross(axis, own)), np.sign(axis @ own) * turned) for axis, turned in normals]
             else:
-                off = next((own @ normal * normal for _, normal in normals if abs(own @ normal) < PARALLEL), 0 * own)
-                meant = (own - off) / np.linalg.norm(own - off)
-            if angle := float(np.linalg.norm(meant - own)):
+                near = [(abs(own @ turned), own - own @ turned * turned) for _, turned in normals]
+            off, meant = min(near, key=lambda each: each[0], default=(SKEW, own))
+            angle = float(np.linalg.norm(meant - own))
+            if off < SKEW and angle > ROUNDING:
+                (moved if off < PARALLEL else drawn).append(f"{body.joint or body.name} {angle:.2g} rad")
+            meant = meant if off < PARALLEL else own
+            normals += [(own, meant)] if body.turns else []
+            if off < PARALLEL and angle:
                 turned = R[i].T @ meant
-                about = np.r_[np.cross(np.cross(w, v), turned) + w @ v * turned, turned]
-                there = replace(body, twist=about if body.turns else np.r_[turned, w])
+                hinge, slide = (np.cross(np.cross(w, v), turned), turned), (turned / np.linalg.norm(turned), w)
+                there = replace(body, twist=np.concatenate(hinge if body.turns else slide))
                 # The model's posture stays as it is.
                 home = body.home @ body.joint_pose(at[i]) @ inverse(there.joint_pose(at[i]))
                 bodies[i] = replace(there, home=home)
-                if angle > ROUNDING:
-                    angles[body.joint or body.name] = angle
-        return replace(tree, bodies=tuple(bodies)), angles
+        return replace(tree, bodies=tuple(bodies)), moved, drawn
 
-    def hold(self, tree: "Tree") -> bool:
-        """True if there are constraints, and they leave their joints no motion."""
-        return bool(self.rows) and {*self.dependent(tree)} == {*self.coupled(tree)}
+    def held(self, tree: "Tree") -> list["Constraints"]:
+        """Those of the sets as of `apart` that leave their joints no motion."""
+        return [each for each in self.apart(tree) if {*each.coupled(tree)} == {*each.dependent(tree)} != set()]
 
     def followers(self, tree: "Tree") -> dict[str, Follower]:
         """Joints that a constraint makes a polynomial of another one, by name, each of one that is none itself."""
@@ -271,11 +302,10 @@ class Constraints:
                 law = Polynomial(row.coefficients)(Polynomial([0, gain])) / weight
                 if {owners[own], owners[lead]} <= {*tree.joints}:
                     laws.setdefault(owners[own], (owners[lead], law))
-        for _ in range(len(laws)):
-            for joint, (lead, law) in laws.items():
-                if lead in laws:
-                    beyond, inner = laws[lead]
-                    laws[joint] = beyond, law(inner)
+        for joint in [*laws] * len(laws):
+            lead, law = laws[joint]
+            if lead in laws:
+                laws[joint] = laws[lead][0], law(laws[lead][1])
         # Those that are left in a ring follow themselves.
         free = {joint: own for joint, own in laws.items() if own[0] not in laws}
         return {joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in free.items()}
@@ -323,13 +353,7 @@ class Constraints:
 
 def members_of(tree: "Tree", rows: Collection[Row]) -> set[int]:
     """Indices of the bodies through which the loops of constraints go."""
-    members = set[int]()
-    for each in rows:
-        if isinstance(each, Coincidence):
-            one, other = each.ends(tree)
-            members |= {*tree.chain(one)} ^ {*tree.chain(other)}
-        else:
-            members |= {*map(tree.names.index, each.bodies)}
+    members = set[int]().union(*(each.members(tree) for each in rows))
     leads = {tree.followers[i].joint for i in members if i in tree.followers}
     return members | {i for i, body in enumerate(tree.bodies) if body.joint in leads}
 
@@ -354,11 +378,9 @@ def _hinges(ball: Body, q: np.ndarray, axes: np.ndarray, index: int) -> list[Bod
 def _independent_columns(J: np.ndarray, order: Collection[int]) -> list[int]:
     """Indices of as many columns as the rank, those of a lower order first, the most independent of each order."""
     left, norms, out = J.copy(), np.linalg.norm(J, axis=0), list[int]()
-    for level in sorted(set(order)):
-        while True:
-            size = np.where(np.array(order) == level, np.linalg.norm(left, axis=0) / np.maximum(norms, 1e-12), 0)
-            if size.max(initial=0) < INDEPENDENT:
-                break
+    for level in sorted(order):
+        size = np.where(np.array(order) == level, np.linalg.norm(left, axis=0) / np.maximum(norms, 1e-12), 0)
+        if size.max() >= INDEPENDENT:
             # Joints near the base rather determine those on them.
             k = int(np.flatnonzero(size > size.max() / 2)[-1])
             unit = left[:, k] / np.linalg.norm(left[:, k])

@@ -14,12 +14,9 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
-from ident.mechanism.loops import Constraints
+from ident.mechanism.loops import INDEPENDENT, Constraints
 from ident.mechanism.motion import Carrier, divided
 from ident.mechanism.tree import Tree
-
-PARALLEL = 1e-3
-"""Sine of the angle up to which axes count as parallel, as models are written with few digits."""
 
 
 @typed("gravity", "prior_known", "drives")
@@ -144,12 +141,13 @@ class Mechanism(Brief):
 
     def rested(self) -> "Mechanism":
         """The mechanism with those joints welded as well that loops hold because others are fixed."""
-        if not self.tree.still or not self.constraints.hold(self.tree):
-            return self
-        tree = self.constraints.closed(self.tree, self.in_loops)
-        opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
-        at = tree.closure.anchors[0] if tree.closure else ()
-        return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})
+        for held in self.constraints.held(self.tree) if self.tree.still else ():
+            tree = held.closed(self.tree, held.coupled(self.tree))
+            opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
+            at = tree.closure.anchors[0] if tree.closure else ()
+            # Which lets further ones rest in turn.
+            return replace(self, tree=opened).fixed({joint: [q] for joint, q in zip(tree.dependent, at, strict=True)})
+        return self
 
     @property
     def in_world(self) -> np.ndarray:
@@ -207,13 +205,10 @@ class Mechanism(Brief):
         tree = self.constraints.closing(self.tree, lacking, driven)
         return self if tree is self.tree else replace(self, tree=tree, **self._of_joints(tree))
 
-    def determined(self, placed: Collection[str]) -> dict[str, str]:
-        """Names of the joints by which each joint without a position is determined, from those of joints with one."""
-        own = {j: lead.joint for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+    def determined(self, placed: Collection[str]) -> tuple[str, ...]:
+        """Names of the joints without a position that those with one determine."""
         lacking = [joint for joint in self.tree.joints if joint not in placed]
-        leads = ", ".join(joint for joint in self.in_loops if joint in placed)
-        depending = {*self.constraints.dependent(self.tree, lacking)} & {*lacking} - {*own}
-        return own | {joint: leads for joint in self.tree.joints if joint in depending}
+        return tuple(joint for joint in self.constraints.dependent(self.tree, lacking) if joint in lacking)
 
     @property
     def in_loops(self) -> tuple[str, ...]:
@@ -300,7 +295,7 @@ def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
         return None
     first = np.hstack([np.zeros((6, 0)), *(carrying.screws[i] for i in carrying.root)])
     normal = _common_axis(carrying, first, mechanism.gravity)
-    if normal is None or np.linalg.matrix_rank(first, tol=PARALLEL) < 3:
+    if normal is None or np.linalg.matrix_rank(first, tol=INDEPENDENT) < 3:
         return None
     if carrier is None:
         return normal
@@ -327,7 +322,7 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray, *, free: bool = True) 
         return ()
     along = np.abs(frame[:3, :3].T @ normal)
     axis = int(np.argmax(along))
-    if np.delete(along, axis).max() > PARALLEL:
+    if np.delete(along, axis).max() > INDEPENDENT:
         return ()
     return (axis, *(3 + k for k in range(3) if k != axis))
 
@@ -338,7 +333,7 @@ def _common_axis(tree: Tree, screws: np.ndarray, g: np.ndarray) -> np.ndarray | 
     if not axes.size:
         return None
     normal = axes[:, 0] / np.linalg.norm(axes[:, 0])
-    return normal if _in_plane(tree, normal) and abs(g @ normal) <= PARALLEL * np.linalg.norm(g) else None
+    return normal if _in_plane(tree, normal) and abs(g @ normal) <= INDEPENDENT * np.linalg.norm(g) else None
 
 
 def _in_plane(tree: Tree, normal: np.ndarray) -> bool:
@@ -347,4 +342,4 @@ def _in_plane(tree: Tree, normal: np.ndarray) -> bool:
     v, w = screws[:3], screws[3:]
     turns = w.any(axis=0)
     off = [np.abs(np.cross(w[:, turns].T, normal)), np.abs((v * w).sum(axis=0)), np.abs(normal @ v[:, ~turns])]
-    return all(x.max(initial=0) <= PARALLEL for x in off)
+    return all(x.max(initial=0) <= INDEPENDENT for x in off)

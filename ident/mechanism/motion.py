@@ -11,7 +11,7 @@ from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.se3 import Ad, ad, applied, inverse
 from ident.mechanism.body import is_rigid
-from ident.mechanism.loops import Constraints, Row, members_of
+from ident.mechanism.loops import Constraints, members_of
 from ident.mechanism.tree import Tree
 
 Which = int | slice | np.ndarray
@@ -216,12 +216,10 @@ def divided(tree: Tree, name: str, constraints: Constraints) -> tuple[Carrier, T
         raise InputError(f"There is no body '{name}' to be carried; the bodies are {', '.join(tree.names)}.")
     last = tree.names.index(name)
     chain, carried = {*tree.chain(last)}, tree.carried(last)
-    rows = [row for row in constraints.rows if not members_of(tree, [row]) & {*carried} - {last}]
-    own = list[Row]()
-    for _ in rows:
-        own = [row for row in rows if members_of(tree, [row]) & chain]
-        chain = chain.union(*(tree.chain(i) for i in members_of(tree, own)))
-    before = Tree(tree.part([*sorted(chain - {last}), last]))
+    rows = tuple(row for row in constraints.rows if not members_of(tree, [row]) & {*carried} - {last})
+    loops = [each for each in replace(constraints, rows=rows).apart(tree) if members_of(tree, each.rows) & chain]
+    own = tuple(row for each in loops for row in each.rows)
+    before = Tree(tree.part([*sorted((chain | members_of(tree, own)) - {last}), last]))
     if not any(tree.bodies[i].coordinates for i in tree.chain(last)):
         raise InputError(f"No joint moves '{name}', so that its weight cannot be separated from its sensor's offset.")
-    return Carrier(before, replace(constraints, rows=tuple(own))), tree.beyond(last), carried
+    return Carrier(before, replace(constraints, rows=own)), tree.beyond(last), carried

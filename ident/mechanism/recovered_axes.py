@@ -11,16 +11,10 @@ from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.tree import Tree
-from ident.tolerances import ROUNDING
+from ident.tolerances import LEAST_SAMPLES, ROUNDING, SIGNIFICANT
 
 MINIMUM_TURN = 1e-3
 """Smallest root-mean-square rotation, in rad, from which an axis is recovered."""
-
-MINIMUM_SAMPLES = 10
-"""Fewest poses from which an axis and its uncertainty are recovered."""
-
-PARALLEL_SIGNIFICANCE = 1e-4
-"""Probability of taking two parallel axes for different ones in `recover_axes`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +97,8 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
     Raises:
         InputError: There are too few poses, the frame hardly turns, or the sign of the axis is undetermined.
     """
-    if len(displacement) < MINIMUM_SAMPLES or not np.isfinite(displacement).all():
-        raise InputError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
+    if len(displacement) < LEAST_SAMPLES or not np.isfinite(displacement).all():
+        raise InputError(f"An axis needs at least {LEAST_SAMPLES} finite poses, got {len(displacement)}.")
     turn = displacement[:, :3, :3] - np.eye(3)
     # ‖R - 1‖² = 4 (1 - cos θ) ≈ 2 θ² in the Frobenius norm.
     if np.mean(np.sum(turn**2, axis=(1, 2))) < 2 * MINIMUM_TURN**2:
@@ -159,7 +153,7 @@ def common_direction(directions: Sequence[Direction]) -> Direction:
 
 
 @typed()
-def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLEL_SIGNIFICANCE) -> RecoveredAxes:
+def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = SIGNIFICANT) -> RecoveredAxes:
     """Revolute axes of a mechanism, estimated from the measured poses of its bodies.
 
     Every joint is first estimated alone, from the poses of its two bodies, and then compared with the joint before it

@@ -166,15 +166,14 @@ class Tree:
 
     @cached_property
     def compounds(self) -> dict[str, tuple[int, ...]]:
-        """Indices of the moving bodies of each joint that carries something, massless links first, by its first joint.
+        """Indices of the bodies of each joint that carries something, massless links first, by its first joint.
 
         Several joints between two bodies with mass are one compound joint. One that only follows has its leader's name,
         unless that is another.
         """
         members = defaultdict[int, list[int]](list)
-        for i, body in enumerate(self.bodies):
-            if body.moves:
-                members[self.first_link(i)].append(i)
+        for i in range(len(self.bodies)):
+            members[self.first_link(i)].append(i)
         out = dict[str, tuple[int, ...]]()
         for own in (each for first, each in members.items() if set(self.carried(first)) & {*self.inertial}):
             names = [self.bodies[i].joint for i in own]
@@ -200,8 +199,7 @@ class Tree:
 
     def closed(self, closure: Closure) -> "Tree":
         """The tree with the joints dependent that loops determine; they lose their names."""
-        names = closure.dependent
-        bodies = (replace(each, joint="", depends=each.joint) if each.joint in names else each for each in self.bodies)
+        bodies = (replace(x, joint="", depends=x.joint) if x.joint in closure.dependent else x for x in self.bodies)
         return Tree(tuple(bodies), closure)
 
     def started(self, q: np.ndarray) -> np.ndarray:
@@ -211,20 +209,19 @@ class Tree:
         """
         if self.closure is None or np.shape(q)[-1] != self.size:
             return q
-        return np.concatenate([q, self.closure.solved(np.asarray(q)[..., self._of_loops[0]])], axis=-1)
+        return np.concatenate([q, self.closure.solved(np.asarray(q)[..., self.of_loops[0]])], axis=-1)
 
     def closes(self, q: np.ndarray) -> np.ndarray:
         """True for joint coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
-        return self.closure.closes(np.asarray(q)[..., self._of_loops[0]]) if self.closure else np.ones(len(q), bool)
+        return self.closure.closes(np.asarray(q)[..., self.of_loops[0]]) if self.closure else np.ones(len(q), bool)
 
     @cached_property
-    def _of_loops(self) -> tuple[np.ndarray, np.ndarray]:
+    def of_loops(self) -> tuple[np.ndarray, ...]:
         """Indices of the loops' independent joints among the coordinates and the velocities."""
         if self.closure and not self.size:
             raise self.closure.rigid()
         independent = self.closure.independent if self.closure else ()
-        first, second = (np.isin(self.owners(what), independent) for what in ("coordinates", "freedoms"))
-        return np.flatnonzero(first), np.flatnonzero(second)
+        return tuple(np.flatnonzero(np.isin(self.owners(what), independent)) for what in ("coordinates", "freedoms"))
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""
@@ -323,8 +320,8 @@ class Tree:
             Coordinates and rates of every body's joint.
         """
         dealt = list(zip(self.body_coordinates(q), *map(self.body_velocities, rates), strict=True))
-        of_loops = self.dependent_states(q, *rates)
-        leaders = {joint: tuple(x[..., k : k + 1] for x in of_loops) for k, joint in enumerate(self.dependent)}
+        closed = self.dependent_states(q, *rates)
+        leaders = {joint: tuple(x[..., k : k + 1] for x in closed) for k, joint in enumerate(self.dependent)}
         dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
         leaders |= {self.bodies[i].joint: dealt[i] for i in self.moving}
         for i, lead in self.followers.items():
@@ -358,9 +355,9 @@ class Tree:
         """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
         if not self.closure:
             return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
-        G = self.closure.slopes(np.asarray(q)[..., self._of_loops[0]], self.started(q)[..., self.size :])
+        G = self.closure.slopes(np.asarray(q)[..., self.of_loops[0]], self.started(q)[..., self.size :])
         out = np.zeros((*G.shape[:-1], len(self.freedoms)), G.dtype)
-        out[..., self._of_loops[1]] = G
+        out[..., self.of_loops[1]] = G
         return out
 
     @cached_property
@@ -368,14 +365,14 @@ class Tree:
         """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
         q = np.zeros(self.size)
         if self.closure:
-            q[self._of_loops[0]] = self.closure.anchors[0, self.closure.coordinates[0]]
+            q[self.of_loops[0]] = self.closure.anchors[0, self.closure.coordinates[0]]
         return self.slopes(q)
 
     def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Coordinates and rates of the dependent joints, each (…, d)."""
         if not self.closure:
             return [np.asarray(x)[..., :0] for x in (q, *rates)]
-        x, *own = (np.asarray(values)[..., self._of_loops[k > 0]] for k, values in enumerate((q, *rates)))
+        x, *own = (np.asarray(values)[..., self.of_loops[k > 0]] for k, values in enumerate((q, *rates)))
         return self.closure.completed(x, self.started(q)[..., self.size :], *own)
 
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:

@@ -19,17 +19,14 @@ from ident.geometry.se3 import pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model import closed_form, compiled
+from ident.model import closed_form
 from ident.model.axes import Axes
 from ident.model.tape import Program, gradient, recording
 from ident.tolerances import DRIVE, STRIBECK
 
-CHUNK, LEAST_CHUNK = 4096, 1024
-"""Largest and smallest number of samples that are processed at once: enough to amortize the calls."""
-
-MEMORY, MEMORY_COMPILED = 2**24, 2**21
-"""Bytes of results and registers of a program per chunk, which fit into a cache. Without compiled code more are
-allowed, because numpy's calls for fewer samples cost more than cache misses."""
+CHUNK = 2048
+"""Number of samples that are processed at once: enough to amortize numpy's calls where there is no compiled code, which
+takes half as long again with 1024; torques of a humanoid are then 60 MB."""
 
 FEW = 5
 """Number of samples below which the equations are not recorded but evaluated sample by sample."""
@@ -238,14 +235,6 @@ def one_sample(
     return Y.T[list(columns)].ravel()
 
 
-def chunk(program: Program) -> int:
-    """Number of samples to process at once."""
-    compiled_too = compiled.available()
-    rows = program.results if compiled_too else program.results + program.registers
-    most = (MEMORY_COMPILED if compiled_too else MEMORY) // (8 * max(rows, 1))
-    return min(max(most, LEAST_CHUNK), CHUNK)
-
-
 def freedoms(tree: Tree) -> np.ndarray:
     """Ends of joint coordinates, velocities and accelerations among the inputs."""
     return np.cumsum([tree.size + len(tree.dependent), len(tree.freedoms), len(tree.freedoms)])
@@ -297,9 +286,8 @@ def pulled_back(
     program = _derivatives(tree, gravity, tuple(columns), torques)
     out = np.zeros((len(states), len(motion)))
     program.fill(out)
-    at_once = chunk(program)
-    for start in range(0, len(motion), at_once):
-        part = slice(start, start + at_once)
+    for start in range(0, len(motion), CHUNK):
+        part = slice(start, start + CHUNK)
         seeds = adjoints[part].transpose(2, 1, 0).reshape(-1, len(motion[part]))
         program.run(np.concatenate([states[:, part], seeds]), out[:, part])
     q, _, dq, ddq = np.split(out.T, np.cumsum([tree.size, len(tree.dependent), len(tree.freedoms)]), axis=1)

@@ -17,6 +17,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters import independent_columns
 from ident.parameters.independent_columns import UnitColumns, unit_columns
 from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
+from ident.tolerances import ROUNDING
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
@@ -183,7 +184,7 @@ def _of_columns(
     others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
     made = independent_columns.coefficients(unit[:, chosen], unit[:, others])
     missed = (abs(unit[:, others] - unit[:, chosen] @ made) * norms[others]).max(initial=0) / norms.max()
-    if missed > independent_columns.WRONG + 10 * gap[1]:
+    if missed > ROUNDING + 10 * gap[1]:
         raise InputError(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
@@ -247,10 +248,10 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
 
 
 def _without_rounding(row: np.ndarray) -> np.ndarray:
-    """Coefficients of a base parameter, zero below `DEPENDENT` times the largest (at least 1); exact ones unchanged."""
+    """Coefficients of a base parameter, zero below `ROUNDING` times the largest (at least 1); exact ones unchanged."""
     if row.dtype == object:
         return row
-    return np.where(abs(row) < independent_columns.DEPENDENT * abs(row).max(initial=1.0), 0, row)
+    return np.where(abs(row) < ROUNDING * abs(row).max(initial=1.0), 0, row)
 
 
 def _term(coefficient: float, name: str, digits: int) -> str:

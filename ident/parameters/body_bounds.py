@@ -20,14 +20,8 @@ from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.nearest_bodies import ROOM, UNITS, NearestBodies, maxima, region, traces
-from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
-
-STEP = 1e-3
-"""Step of a central difference, over the difference from the model: φ is cubic in mass, centre and inertia."""
-
-WITHOUT_MASS = 1e-6
-"""Standard deviation of a frame's mass, over the mass of all bodies, with lengths of a metre."""
+from ident.parameters.nearest_bodies import UNITS, NearestBodies, maxima, region, traces
+from ident.parameters.prior import KNOWN, LEAST_KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
 
 NEAREST = 30.0
 """Width of the divergence that keeps the nearest bodies inside the cone; their squared distance is above the least one
@@ -142,17 +136,19 @@ def _linearised(phi: np.ndarray, at: np.ndarray, known: Mapping[str, float]) -> 
         known: Standard deviations, as for `body_covariance`.
     """
     model, here = ([np.array(x) for x in inertia.com_from_parameters(each)] for each in (phi, at))
-    ahead, behind = (
+    # φ is cubic in mass, centre and inertia, so that five points give its derivative exactly.
+    path = [
         inertia.parameters_from_com(*(x + h * (own - x) for own, x in zip(model, here, strict=True)))
-        for h in (STEP, -STEP)
-    )
+        for h in range(-2, 3)
+    ]
+    change = (8 * (path[3] - path[1]) - (path[4] - path[0])) / 12
     relative = {key: known[key] for key in KNOWN} | {"mass": known["mass"] * phi[0] / at[0]}
-    return at + (ahead - behind) / (2 * STEP), body_covariance(at, relative)
+    return at + change, body_covariance(at, relative)
 
 
 def _roots(covariances: np.ndarray, mass: float) -> np.ndarray:
     """Triangular roots of the covariances of φ, positive definite also for frames and points (b, 10, 10)."""
-    least = WITHOUT_MASS * mass * np.repeat([1, 1e-1, 1e-2], [1, 3, 6])
+    least = LEAST_KNOWN * mass * np.repeat([1, 1e-1, 1e-2], [1, 3, 6])
     std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2) + least**2)
     correlation = covariances / std[:, :, None] / std[:, None]
     correlation[:, range(10), range(10)] = 1 + 1e-10
@@ -160,10 +156,10 @@ def _roots(covariances: np.ndarray, mass: float) -> np.ndarray:
 
 
 def _rotor_std(base: BaseParameters, roots: np.ndarray, rotors: Rotors) -> np.ndarray:
-    """Standard deviations of rotors: `DRIVE_KNOWN` of what is stated, else as good as none (k,)."""
+    """Standard deviations of rotors: what is stated, else as good as none (k,)."""
     rows = base.regroup(np.eye(len(base.parameters))).T @ linalg.block_diag(*roots)
     open_ = UNKNOWN * np.linalg.norm(rows) / np.maximum(np.linalg.norm(rotors.columns, axis=0), 1e-300)
-    return np.where(rotors.stated > 0, DRIVE_KNOWN * rotors.stated, open_)
+    return np.where(rotors.stated > 0, rotors.stated, open_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,13 +202,13 @@ class Fitting:
         kept, out = np.repeat(has_mass, 10), np.zeros((len(has_mass), 10, 2))
         if not self.prior.used:
             of_rotors = np.ones(rows.shape[1] - len(phi), bool)
-            out[has_mass] = _bounds(rows[:, np.r_[kept, of_rotors]], right, phi[kept], ROOM, region(len(right)))
+            out[has_mass] = _bounds(rows[:, np.r_[kept, of_rotors]], right, phi[kept], region(1), region(len(right)))
             return out
         mean, covariance = _solved(np.vstack([rows, self.prior.rows]), np.r_[right, self.prior.right])
         for k in np.flatnonzero(has_mass).tolist():
             own = slice(10 * k, 10 * k + 10)
             whitening = np.linalg.inv(scaled_root(covariance[own, own]))
-            out[k] = _bounds(whitening, whitening @ mean[own], phi[own], SKEWED * ROOM, np.inf)[0]
+            out[k] = _bounds(whitening, whitening @ mean[own], phi[own], SKEWED * region(1), np.inf)[0]
         return out
 
 

@@ -24,7 +24,7 @@ from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.body_bounds import NEAREST, BodyPrior, Fitting, Rotors, scaled_root
-from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
+from ident.parameters.nearest_bodies import NearestBodies, region
 from ident.parameters.prior import KNOWN, body_covariance
 from ident.tolerances import INTERVAL, LIKELY
 
@@ -37,8 +37,8 @@ LOOSER = 1.0, 2.0, 4.0
 LEAST_SIZE = 1e-2
 """Least radius of gyration of a prior body over that of the whole tree: divergence measures bodies by their prior."""
 
-HELD = 1e-5
-"""Relative standard deviation of a mass that is held."""
+HELD = 1e-4
+"""Relative standard deviation of a mass that is held, or stated without one: what scales resolve."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,7 +234,7 @@ def consistent_parameters(
             break
         with_masses = problem.with_rows(links.of_masses(np.where(closest.unseen, kept, np.inf) * physical[::10]))
         beside = links.report(with_masses.bodies(problem.width))
-        if beside.attainable >= closest.attainable and beside.distance**2 <= closest.distance**2 + ROOM:
+        if beside.attainable >= closest.attainable and beside.distance**2 <= closest.distance**2 + region(1):
             closest = beside
             break
     if rotors.names and not closest.attainable:

@@ -7,25 +7,15 @@ import numpy as np
 from scipy import linalg
 
 from ident.errors import InputError
-from ident.tolerances import ZERO_COLUMN
+from ident.tolerances import ROUNDING, ZERO_COLUMN
 
 SMALL_COLUMN = 1e-5
 """Columns with a norm below this fraction of the largest are divided by that fraction, not scaled to unit length."""
-
-DEPENDENT = 1e-9
-"""Singular values of the unit-norm columns below this fraction of the largest, and coefficients between such columns
-below it, count as rounding errors."""
 
 COEFFICIENTS = 1e5, 1e3
 """Largest coefficients between unit-norm columns. The first bound loses no column to rounding. The second is used if
 the first independent columns need larger coefficients, as along chains of many joints in general position, or if the
 first times the rounding of the dependencies is too large."""
-
-NEGLIGIBLE = 1e-11
-"""Largest part of a unit column that a regrouping may neglect."""
-
-WRONG = 1e-9
-"""Error of a regrouping, relative to the largest column, above which it is refused."""
 
 
 class UnitColumns(NamedTuple):
@@ -60,7 +50,7 @@ def unit_columns(Y: np.ndarray) -> UnitColumns:
     return UnitColumns(unit, bounded, np.linalg.svd(unit, compute_uv=False))
 
 
-def numerical_rank(singular_values: np.ndarray, rounding: float = DEPENDENT) -> int:
+def numerical_rank(singular_values: np.ndarray, rounding: float = ROUNDING) -> int:
     """Number of singular values above rounding, a fraction of the largest."""
     return int(np.sum(singular_values > rounding * singular_values.max(initial=0)))
 
@@ -79,7 +69,7 @@ def first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[lis
     triangle, order = linalg.qr(unit, mode="r", pivoting=True)
     others = order[rank:]
     made = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
-    bounds = COEFFICIENTS if COEFFICIENTS[0] * rounding < WRONG else COEFFICIENTS[1:]
+    bounds = COEFFICIENTS if COEFFICIENTS[0] * rounding < ROUNDING else COEFFICIENTS[1:]
     for largest in bounds:
         kept, passed = _exchanged(order[:rank], others, made.copy(), largest, last=largest == bounds[-1])
         if not passed:
@@ -106,7 +96,7 @@ def _exchanged(
             continue
         share = np.where(kept > j, abs(made[:, c]), 0)
         i = int(share.argmax())
-        if share[i] <= DEPENDENT:
+        if share[i] <= ROUNDING:
             continue
         if _exchange(made, sizes, i, c, largest):
             del place[j]
@@ -155,8 +145,8 @@ def coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
     """Coefficients of unit columns in terms of the kept ones, zero where they are only rounding errors."""
     # QR takes a quarter of the time of `lstsq`, whose singular values independent columns do not need.
     made = linalg.lapack.dgels(kept, dependent)[1][: kept.shape[1]]
-    short = np.where(abs(made) < DEPENDENT, 0, made)
-    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
+    short = np.where(abs(made) < ROUNDING, 0, made)
+    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < ZERO_COLUMN
     return np.where(rounding, short, made)
 
 

@@ -16,23 +16,13 @@ import numpy as np
 from scipy import linalg, special
 
 from ident.geometry.inertia import parameters_from_pseudo_inertia
-from ident.tolerances import INTERVAL
-
-ROOM = INTERVAL**2
-"""Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
-
-CONFIDENCE = 0.95
-"""Probability of the confidence region of ψ, within which ψ counts as attained."""
+from ident.tolerances import AT_ONCE, INTERVAL, ROUNDING
 
 FINEST = 0.8
 """The continuation towards the prior's width stops when a step can only reduce the weight by a factor above this."""
 
 NEWTON_STEPS = 80
 """Largest number of Newton steps; 10 are usual for a minimum, 17 for a maximum."""
-
-CONVERGED = 1e-9
-"""Relative change of a body at which Newton's method has converged; the next change would be below rounding."""
-
 
 FACTOR, WEIGHTS = 25.0, 3
 """Factor between successive weights, and their number: the last two lead to bounds that are right to 1e-3 of their
@@ -48,9 +38,6 @@ with the largest trace, over its distance from the start, both relative, above w
 
 LENGTHS = np.array([0.99, 0.97, 0.93, 0.85, 0.7, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01, 0.003])
 """Step lengths that are tried, over the longest one; a whole step is tried as well."""
-
-AT_ONCE = 2e6
-"""Numbers in the scaled rows of the parameters that are maximised together; more would not stay in the cache."""
 
 PLACES = np.triu_indices(4)
 
@@ -126,7 +113,7 @@ class NearestBodies:
         variances = 1 + np.outer(squares, np.maximum(values, 0))
         pulls = (axes.T @ misfit) ** 2
         unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
-        allowed = squares[unlikely <= unlikely.min() + ROOM]
+        allowed = squares[unlikely <= unlikely.min() + region(1)]
         enough = squares[np.sum(pulls / variances**2, axis=1) <= region(len(misfit))]
         return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) else enough[0]))
 
@@ -157,7 +144,7 @@ class NearestBodies:
             K = (K + np.swapaxes(K, -1, -2)) / 2
             multipliers = multipliers + length * step
             Z = self.prior - np.tensordot(multipliers, self.A, 1)
-            if length == 1 and max(np.abs(dK).max(), np.abs(dZ).max()) < CONVERGED:
+            if length == 1 and max(np.abs(dK).max(), np.abs(dZ).max()) < ROUNDING:
                 return K, multipliers
         return None
 
@@ -172,8 +159,8 @@ class NearestBodies:
 
 
 def region(parameters: int) -> float:
-    """Largest squared Mahalanobis distance within the confidence region."""
-    return float(special.chdtri(parameters, 1 - CONFIDENCE))
+    """Largest squared Mahalanobis distance within the region that is as probable as `INTERVAL`: 3.84 for one."""
+    return float(special.chdtri(parameters, special.chdtrc(1, INTERVAL**2)))
 
 
 def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,7 +208,7 @@ def maxima(A: np.ndarray, y: np.ndarray, square: float, bodies: int, f: np.ndarr
     Returns:
         The maxima (N,), infinite where nothing bounds them, or where rounding ends the search.
     """
-    at_once = max(1, int(AT_ONCE / A.size))
+    at_once = max(1, AT_ONCE // A.size)
     parts = [slice(k, k + at_once) for k in range(0, len(f), at_once)]
     return np.concatenate([np.zeros(0), *(_Search(A, y, square, bodies, f[k], d[k]).maxima() for k in parts)])
 

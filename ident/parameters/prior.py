@@ -24,12 +24,8 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.tolerances import ROUNDING
 
 SMALLEST = 0.1
-"""Size of a body that no model states, in a mechanism without lengths, m."""
-
-DRIVE_KNOWN = 1.0
-"""Relative standard deviation of the friction, rotor inertias and stiffnesses that a model states, often as a guess: a
-Go2's calves have rotors of twice, and friction of several times, what its model states. With .5, weighted up with the
-bodies' prior, two of them are predicted with .24 and .33 of their torques instead of .21 and .27."""
+"""Size of a body that no model states, in a mechanism without lengths, and typical radius of gyration of a payload and
+distance of its centre of mass from the sensor, m."""
 
 UNKNOWN = 100.0
 """Standard deviation of a drive that no model states, over that of all bodies together: as good as no prior."""
@@ -185,8 +181,8 @@ def known_covariance(
         mechanism: The mechanism.
         parameters: Its base parameters.
         known: Standard deviations of φ, as for `body_covariance`.
-        absorbed: Drives that ψ contains, as `Equations.absorbed`: known as `DRIVE_KNOWN` where the model states them,
-            else not at all.
+        absorbed: Drives that ψ contains, as `Equations.absorbed`: known to their own size where the model states
+            them, as by `drive_precision`, else not at all.
     """
     rows = known_rows(mechanism, parameters, known)
     covariance = rows.T @ rows
@@ -196,12 +192,16 @@ def known_covariance(
         if not own.any():  # The drive of a joint that rests is in no parameter.
             continue
         unknown = UNKNOWN * float(np.linalg.norm(rows)) / max(float(np.linalg.norm(own)), 1e-300)
-        covariance += np.outer(own, own) * (DRIVE_KNOWN * stated or unknown) ** 2
+        covariance += np.outer(own, own) * (stated or unknown) ** 2
     return covariance
 
 
 def drive_precision(mechanism: Mechanism, names: Sequence[str], scaled: Collection[str] = ()) -> np.ndarray:
     """Prior precision of the drives of some columns, zero where the model states none (d,).
+
+    Their standard deviations are the model's values, which are often a guess: a Go2's calves have rotors of twice, and
+    friction of several times, what its model states. With half of them, weighted up with the bodies' prior, two of them
+    are predicted with .24 and .33 of their torques instead of .21 and .27.
 
     Args:
         mechanism: The mechanism.
@@ -210,7 +210,7 @@ def drive_precision(mechanism: Mechanism, names: Sequence[str], scaled: Collecti
             guesses, and beside light links they would fix the scale.
     """
     values = stated_values(mechanism, names) * [column_place(name)[1] not in scaled for name in names]
-    return np.where(values > 0, 1 / (DRIVE_KNOWN * np.where(values > 0, values, 1)) ** 2, 0.0)
+    return np.where(values > 0, 1 / np.where(values > 0, values, 1) ** 2, 0.0)
 
 
 def conditioned(

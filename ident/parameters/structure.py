@@ -31,13 +31,10 @@ from ident.mechanism.tree import Tree
 from ident.model.dim import momentum_regressor
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.independent_columns import reduced_rows
-from ident.tolerances import SINGULAR
+from ident.tolerances import LEAST_SAMPLES, SINGULAR
 
 TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
 """Twice the pseudo-inertia of each unit φ, in integers (10, 4, 4)."""
-
-MORE = 20
-"""Number of samples in addition to the number of columns."""
 
 
 @typed()
@@ -304,7 +301,7 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
         A matrix (rows, 10 b) whose columns have the dependencies of the regressor for general motions.
     """
     sensors, rng = sensors or Sensors(), np.random.default_rng(0)
-    motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + MORE, sensors)
+    motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + LEAST_SAMPLES, sensors)
     tree, g = mechanism.tree, mechanism.gravity
     rows = []
     if sensors.base_wrench:

@@ -15,9 +15,11 @@ from ident.geometry.inertia import com_from_parameters, entries, parameter_trans
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
+from ident.judgement.verdict import PRECISIONS
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.prior import SMALLEST
 from ident.parameters.structure import Sensors
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL
@@ -27,13 +29,6 @@ QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
 """Their units."""
-
-SIZE = 0.1
-"""Typical radius of gyration and distance of the centre of mass from the sensor, m."""
-
-OPEN = 0.5
-"""A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SIZE` for
-the centre of mass, the mean moment of inertia for inertias."""
 
 GUESSED = 1.0
 """Width of the prior body, a guess with the mass and centre of the same data: it moves values within their intervals,
@@ -136,15 +131,15 @@ class Payload(Brief):
         """
         X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self._phi
         values, J = described(X @ psi), np.zeros((10, 10))
-        for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
+        for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SMALLEST, SMALLEST**2], [1, 3, 6])):
             ahead = step * X[:, k]
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
         std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in self._covariances)
-        size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
+        size = np.repeat([values[0], SMALLEST, values[4:7].mean()], [1, 3, 6])
         low, high = values + J @ self._beside + INTERVAL * np.outer([-1, 1], wider)
         low[[0, 4, 5, 6]] = np.maximum(low[[0, 4, 5, 6]], 0)
         ends = np.c_[np.minimum(low, values), np.maximum(high, values)]
-        return RigidBody(values, std, wider, wider < OPEN * size, ends)
+        return RigidBody(values, std, wider, wider < PRECISIONS[-1] * size, ends)
 
     @property
     def _phi(self) -> np.ndarray:
@@ -165,7 +160,7 @@ class Payload(Brief):
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
         """Covariances of φ of the payload as one body, from the noise and with that of the set-up (10, 10)."""
         S, rank = self._seen, self.estimate.base.rank
-        unknown = (self._phi[0] * SIZE**2) ** 2 * np.diag(1 - S.sum(axis=1))
+        unknown = (self._phi[0] * SMALLEST**2) ** 2 * np.diag(1 - S.sum(axis=1))
         noise, wider = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
         return unknown + S @ noise @ S.T, unknown + S @ wider @ S.T
 

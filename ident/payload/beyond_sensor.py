@@ -28,13 +28,15 @@ from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.geometry.se3 import hat
 from ident.identification import identified
 from ident.judgement.model_fit import AWAY, AXIS, rpy_deg
+from ident.judgement.residuals import BEYOND_CHANCE
 from ident.mechanism.mechanism import Mechanism
-from ident.payload import SIZE, Payload, pose_of_body
+from ident.parameters.prior import SMALLEST
+from ident.payload import Payload, pose_of_body
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import PRIORS
-from ident.tolerances import HOLDOUT, UNEXPLAINED
+from ident.tolerances import FAR_BETTER, HOLDOUT, UNEXPLAINED
 from ident.trajectory.fit.iteration import Report
 
 DENSITY = 2000.0
@@ -42,22 +44,18 @@ DENSITY = 2000.0
 inertias of eight simulated tools with 500 are 100, 115 and 182 % of their size at three levels of noise, with this 56,
 76 and 162 %, with steel's 8000 38, 68 and 170 %, and with that also .4 to 1 % more of those that the motion shows."""
 
-SIGNIFICANT = 4.0
-"""Number of standard deviations from which a mass is significant."""
-
 TURNS_LEAST = 0.05
 """Standard deviation of gravity's direction in the sensor, over all axes, above which weight and offsets separate."""
 
-TURNED, BETTER = np.radians(10), 0.7
-"""Rotation of a sensor's axes from which it is an error, and the largest part of the forces' residual that may remain
-with it."""
+TURNED = np.radians(10)
+"""Rotation of a sensor's axes from which it is an error."""
 
-ALONG, STEADY = 0.95, 2.0
-"""Cosine of the angle between the mean force and gravity, and the mean over the changes, from which forces that do not
-turn with the sensor are in the axes of the base."""
+STEADY = 2.0
+"""Mean over the changes from which forces along gravity, while the sensor turns, are in the axes of the base."""
 
-STEPS = 3
-"""Iterations between the direction of gravity and the mass that accelerates."""
+STEPS = 4
+"""Iterations between the direction of gravity and the mass that accelerates, and to a load's stated mass where scales
+of torques are uncertain: the last changes that mass by 1e-9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +120,7 @@ def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray,
         They, and the squared residual with them.
     """
     usual = float((left**2).sum())
-    best, out = BETTER**2 * usual, (np.eye(3), bool((f * g).sum() > 0), usual)
+    best, out = FAR_BETTER**2 * usual, (np.eye(3), bool((f * g).sum() > 0), usual)
     for opposite in (False, True):
         R = Rotation.align_vectors(f if opposite else -f, g)[0].as_matrix()
         along = g @ R.T
@@ -147,7 +145,7 @@ def other_gravity(
     """
     f, a = force - force.mean(axis=0), acceleration - acceleration.mean(axis=0)
     U, g = np.swapaxes(R - R.mean(axis=0), 1, 2).reshape(-1, 3), float(np.linalg.norm(stated))
-    best, out = (BETTER * unexplained) ** 2 * (f**2).sum(), None
+    best, out = (FAR_BETTER * unexplained) ** 2 * (f**2).sum(), None
     for sign in (1, -1):
         weight = np.zeros(3)
         for _ in range(STEPS):
@@ -157,7 +155,7 @@ def other_gravity(
         direction = sign * weight / max(float(np.linalg.norm(weight)), 1e-300)
         # What is alike with the sign as stated is likelier that.
         if squares < best and direction @ stated < AWAY * g:
-            best, out = BETTER**2 * squares, direction
+            best, out = FAR_BETTER**2 * squares, direction
     return out if out is None or np.abs(out).max() < AXIS else np.round(out)
 
 
@@ -196,18 +194,18 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
         )
     mean = force[:, :3].mean(axis=0)
     along, size = float(mean @ g / np.linalg.norm(g)), float(np.linalg.norm(mean))
-    if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > ALONG * size:
+    if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > AWAY * size:
         raise InputError(
             f"The forces of '{sensor}' keep their direction, {size:.3g} N along gravity, while the sensor turns: they "
             "are in the axes of the base, as a controller's TCP force. Turn them into the sensor's axes."
         )
-    if out.opposite and out.mass < -SIGNIFICANT * out.std and out.unexplained < UNEXPLAINED:
+    if out.opposite and out.mass < -BEYOND_CHANCE * out.std and out.unexplained < UNEXPLAINED:
         raise InputError(
             f"The forces of '{sensor}' weigh {out.mass:.3f} kg: they have the opposite sign; under [wrenches.{sensor}] "
             f"applied_to_link says whether they act on the body that is named there (true) or are what it exerts "
             "(false). Or gravity is upside down in the axes of base or poses: rpy_deg = [180, 0, 0] under [base]."
         )
-    if out.mass < SIGNIFICANT * out.std:
+    if out.mass < BEYOND_CHANCE * out.std:
         raise ExcitationError(
             f"The forces of '{sensor}' weigh {out.mass:.2g} ± {out.std:.1g} kg: they show no payload."
         )
@@ -227,7 +225,7 @@ def known(part: Mechanism) -> dict[str, float]:
     """Standard deviations of such bodies as a prior, which are wide."""
     mass, inertia = part.known[::10], part.known.reshape(-1, 10)[:, 4:7]
     least = inertia[mass > 0].min(axis=1) / mass[mass > 0]
-    return {"mass": 1.0, "center": SIZE, "inertia": float(max(1.0, SIZE**2 / max(least.max(), 1e-8)))}
+    return {"mass": 1.0, "center": SMALLEST, "inertia": float(max(1.0, SMALLEST**2 / max(least.max(), 1e-8)))}
 
 
 @typed("setup")

@@ -30,10 +30,10 @@ from ident.judgement.residuals import widening
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.body_bounds import scaled_root
-from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.consistency import HELD, ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.payload import Payload, SensorParameter
-from ident.payload.beyond_sensor import DENSITY
+from ident.payload.beyond_sensor import DENSITY, STEPS
 from ident.problem import check_different
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
@@ -46,14 +46,8 @@ from ident.trajectory.trajectory_estimate import RUBS, own_columns
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
 
-STEPS = 4
-"""Number of steps to a load's stated mass where scales of torques are uncertain; the last changes the mass by 1e-9."""
-
 LOAD = tuple(f"load({name})" for name in ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"))
 """Names of the load's parameters."""
-
-EXACT = 1e-4
-"""Relative standard deviation of a mass that is stated without one: what scales resolve."""
 
 FAR = 1.0
 """Standard deviation of the prior of a load's centre of mass and radius of gyration about the body's frame, m."""
@@ -381,7 +375,7 @@ def identify_load(
     size, mean = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     joint, weighed, unweighed = joint_fit(empty.trajectory, full.trajectory, columns, size, mean), None, None
     if mass is not None:
-        weighed, unweighed = (mass, max(mass_std, EXACT * mass)), joint
+        weighed, unweighed = (mass, max(mass_std, HELD * mass)), joint
         size[0], mean[0] = weighed[1], mass
         joint = joint_fit(empty.trajectory, full.trajectory, columns, size, mean)
     beside = differing(empty.trajectory, full.trajectory, columns, joint)

@@ -16,16 +16,11 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import white_noise
 from ident.recordings.stated import Servo, model_servo
 from ident.recordings.times import GAP, Sampled
-
-EXACT = 1e-12
-"""Least noise of a position, rad or m, so that exact ones have finite weights."""
-
-LOOSE = 3.0
-"""Difference from closed loops over the noise, by their medians, above which a column contradicts them: of normal noise
-the ratio is 0.67, play and wrong places of pins make it larger."""
+from ident.tolerances import TINY
 
 OUTLYING = 5.0
-"""Difference over the noise above which a sample does not count."""
+"""Difference from closed loops over the noise above which a sample does not count; a column half of whose samples are
+so contradicts them, as by play and wrong places of pins."""
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -116,15 +111,13 @@ def _along(tree: Tree, recording: Recording) -> tuple[Tree, Recording, list[str]
         return tree, recording, []
     x = recording.of_joints(closure.independent, "position")
     closure, leads = closure.along(x, recording.time), ", ".join(closure.independent) or "no joint"
-    names = ", ".join(f"'{each.name}'" for each in closure.constraints)
     x, notes = _fused(closure, recording, x)
-    fused = dict(zip((f"{joint}_position" for joint in closure.independent), x.T, strict=True)) if notes else {}
-    recording = replace(recording, measured={**recording.measured, **fused}) if fused else recording
-    return (
-        replace(tree, closure=closure),
-        recording,
-        [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}.", *notes],
-    )
+    if notes:
+        fused = {f"{joint}_position": column for joint, column in zip(closure.independent, x.T, strict=True)}
+        recording = replace(recording, measured={**recording.measured, **fused})
+    names = ", ".join(f"'{each.name}'" for each in closure.constraints)
+    first = f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."
+    return replace(tree, closure=closure), recording, [first, *notes]
 
 
 def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -137,28 +130,24 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
     own = [f"{joint}_position" for joint in closure.independent]
     if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
         return x, []
-    y, std = closure.solved(x), np.array([_noise(column) for column in x.T])
+    y, std = closure.solved(x), TINY + np.array([white_noise(column, robust=True) for column in x.T])
     G, notes = closure.slopes(x, y), list[str]()
     precision, right = np.zeros((len(x), len(own), len(own))) + np.diag(std**-2), np.zeros_like(x)
     for k, name in columns.items():
-        apart, noise, g = recording[name] - y[:, k], _noise(recording[name]), G[:, k]
+        apart, noise, g = recording[name] - y[:, k], TINY + white_noise(recording[name], robust=True), G[:, k]
         zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
         joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
-        if np.median(abs(off)) > LOOSE * np.median(expected):
-            notes.append(
-                f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
-                f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
-            )
-            continue
-        weight = np.where(abs(off) < OUTLYING * expected, noise**-2, 0)
+        counts = np.median(abs(off) / expected) <= OUTLYING
+        weight = np.where(counts & (abs(off) < OUTLYING * expected), noise**-2, 0)
         precision += weight[:, None, None] * g[:, :, None] * g[:, None, :]
         right += (weight * np.where(weight > 0, off, 0))[:, None] * g
-        notes.append(f"The column of '{joint}' counts too, as loops are closed, but for a constant of {zero:.2g}.")
+        notes.append(
+            f"The column of '{joint}' counts too, as loops are closed, but for a constant of {zero:.2g}."
+            if counts
+            else f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
+            f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
+        )
     return x + np.linalg.solve(precision, right[..., None])[..., 0], notes
-
-
-def _noise(column: np.ndarray) -> float:
-    return max(white_noise(column, robust=True), EXACT)
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:

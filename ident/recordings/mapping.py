@@ -235,8 +235,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
             mapping.plates[name] = plate
         mapping.sensors[name] = plates.sensor(name, entry, bodies, plate)
     for name, entry in table("tracked", entries.get("tracked", {})).items():
-        mapping.trackers[name], own = _tracked(name, table(f"tracked.{name}", entry))
-        mapping.columns |= own
+        _add_tracked(mapping, name, table(f"tracked.{name}", entry))
     if "base" in entries:
         entry = table("base", entries["base"])
         check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
@@ -353,8 +352,8 @@ def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str,
     return known, {name: _deviations(f"known.{name}", {f"known.{name}": each}, KNOWN) for name, each in own.items()}
 
 
-def _tracked(name: str, entry: Mapping[str, Any]) -> tuple[Tracker, dict[str, Columns]]:
-    """Tracked body with the frames that are stated, and its columns of position and orientation."""
+def _add_tracked(mapping: ColumnMapping, name: str, entry: Mapping[str, Any]) -> None:
+    """Adds a tracked body with the frames that are stated, and its columns of position and orientation."""
     where, length = f"tracked.{name}", factor_of(f"tracked.{name}", entry, "unit", "length")
     keys = ("body", "position", "unit", "quaternion", "rotation_vector", "rotation_unit", *FRAMES)
     check_keys(f"[{where}]", entry, keys)
@@ -362,9 +361,7 @@ def _tracked(name: str, entry: Mapping[str, Any]) -> tuple[Tracker, dict[str, Co
         raise LogError(f"[{where}] needs columns of either a quaternion or a rotation_vector, beside the position.")
     kind, size = ("quaternion", 4) if "quaternion" in entry else ("rotation_vector", 3)
     unit = factor_of(where, entry, "rotation_unit", "hinge position") if size == 3 else (1.0, "")
-    columns = {
-        f"{where}.position": several(f"{where}.position", entry.get("position"), 3, *length),
-        f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit),
-    }
+    mapping.columns[f"{where}.position"] = several(f"{where}.position", entry.get("position"), 3, *length)
+    mapping.columns[f"{where}.orientation"] = several(f"{where}.{kind}", entry[kind], size, *unit)
     frames = {key: pose(f"{where}.{key}", table(f"{where}.{key}", entry[key])) for key in FRAMES if key in entry}
-    return Tracker(value_of(f"{where}.body", entry.get("body", name), str), **frames), columns
+    mapping.trackers[name] = Tracker(value_of(f"{where}.body", entry.get("body", name), str), **frames)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from dataclasses import fields as data_fields
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -103,9 +103,6 @@ def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
     return Servo(actuators[0].kp, actuators[0].kv) if alone else None
 
 
-Stream = TypeVar("Stream")
-
-
 @typed()
 @dataclass(frozen=True, eq=False)
 class Tracker:
@@ -126,11 +123,6 @@ class Tracker:
         for name, T in (("markers", self.markers), ("frame", self.frame)):
             if T is not None and not (np.shape(T) == (4, 4) and is_rigid(T)):
                 raise LogError(f"The tracker of '{self.body}' needs a rigid pose (4, 4) as {name}, got {np.shape(T)}.")
-
-
-def untracked(streams: Mapping[str, Stream]) -> dict[str, Stream]:
-    """Streams without those of tracked poses: these do not limit the common times."""
-    return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
-from ident.files.table import BASE, EPOCH, TIME, Columns, Table
+from ident.files.table import BASE, EPOCH, FAR, TIME, Columns, Table
 from ident.geometry.se3 import pose
 from ident.mechanism.body import is_rigid
-from ident.recordings.stated import untracked
+from ident.recordings.stated import TRACKED
+from ident.tolerances import LEAST_SAMPLES
 
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""
@@ -194,11 +195,8 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
     return Sampled(time, np.hstack(values))
 
 
-LEAST_SAMPLES = 10
-"""Fewest samples that a log needs."""
-
-JITTER, UNIFORM = 0.2, 1e-3
-"""Relative deviation of time steps from their median above which a clock is doubtful, and up to which it is uniform."""
+UNIFORM = 1e-3
+"""Relative deviation of time steps from their median up to which a clock is uniform."""
 
 SPARSE = 1000
 """Number of common times per sample above which a gap is an error of the clock."""
@@ -208,9 +206,6 @@ POSES = " If each row is a pose at rest, say poses = true in the columns file."
 
 SLOW = 1.0
 """Time between samples from which they may be poses at rest, s."""
-
-LATEST = 1e12
-"""Largest time that is accepted, s."""
 
 
 class Repaired(NamedTuple):
@@ -255,7 +250,7 @@ class Clock:
             LogError: The times go back, or have a gap or repeat one with other values where samples may not be missing.
         """
         (name,) = self.column.names
-        raw = table.column(name, LATEST / self.column.factor)
+        raw = table.column(name, FAR)
         if np.isnan(raw).any():
             raise LogError(f"column '{name}' is empty, but a log needs times.")
         zero = float(raw[0])
@@ -271,7 +266,7 @@ class Clock:
             notes += self._jitter(table, time, kept)
         own = grid if uniform else time
         streams = {key: Sampled(own, x) for key, x in channels.items() if not uniform or _has_gaps(x)}
-        grid = _covered(grid, untracked(streams))
+        grid = _covered(grid, _limiting(streams))
         channels = {key: interpolated(Sampled(own, x), grid) for key, x in channels.items()} if streams else channels
         streams = {key: Sampled(self.start + own, x.values) for key, x in streams.items()}
         return Repaired(self.start + grid, channels, streams)
@@ -308,11 +303,9 @@ class Clock:
         i = int(departure.argmax())
         if self.gaps and departure[i] <= UNIFORM:
             return []
-        much = int((departure > JITTER).sum())
         return [
             f"Times in column '{name}' jitter: steps depart from {self.step:g} s by up to {100 * departure[i]:.2g} % "
             f"({table.row(kept[i + 1])}); all channels were resampled linearly at {1 / self.step:.6g} Hz."
-            + (f" {much} steps depart by more than {100 * JITTER:g} %: doubt the clock." if much else "")
         ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
@@ -411,6 +404,11 @@ def streams_of(
     return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
 
 
+def _limiting(streams: Mapping[str, Sampled]) -> dict[str, Sampled]:
+    """Streams that limit the common times: all but tracked poses."""
+    return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
+
+
 def together(streams: dict[str, Sampled]) -> Repaired:
     """Streams as measured and at common times, at the rate of the fastest joint position, or of any without joints.
 
@@ -421,6 +419,6 @@ def together(streams: dict[str, Sampled]) -> Repaired:
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
     for key, stream in streams.items():
         check_jumps(f"the time of {key}", stream.time, 1 / rate)
-    common = uniform_times(untracked(streams), rate)
+    common = uniform_times(_limiting(streams), rate)
     check_samples(len(common), " that all columns cover")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)

@@ -33,12 +33,6 @@ Source = Samples | Recording | Iterable[Samples | Recording]
 PIECE = 65536
 """Samples per piece of work for one worker."""
 
-ABOVE_NOISE = 1.5
-"""Norm of a column combination over that of its noise above which it counts as excited."""
-
-FEW_SAMPLES = 1000
-"""Number of samples by which the noise of the regressor is estimated."""
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -141,7 +135,6 @@ def least_squares(
     equations: Equations,
     source: Source,
     *,
-    state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     factor: np.ndarray | None = None,
     executor: Executor | None = None,
 ) -> Fit:
@@ -156,8 +149,6 @@ def least_squares(
     Args:
         equations: Equations to fit.
         source: Samples or a recording, or an iterable of such pieces.
-        state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint at rest with
-            noisy sensors does not pass for excited.
         factor: Coordinates to start from (`Accumulator.factor`), as of another trial of the same motion; by default
             computed from the first samples.
         executor: Executor for the pieces; by default they are computed here. Pieces in memory are split for it. Its
@@ -171,16 +162,15 @@ def least_squares(
         ExcitationError: The motion does not separate the parameters.
     """
     parts = _split(pieces(source, equations))
-    first = next(parts)
     work = partial(accumulate, equations, checked=True)
-    total = work(first, factor=factor)
+    total = work(next(parts), factor=factor)
     # Accumulators in common coordinates add without a change of coordinates.
     if executor is not None:
         total = reduce(add, in_order(executor, partial(work, factor=total.factor), parts), total)
     else:
         for part in parts:
             total += work(part, factor=total.factor)
-    return solve(total, equations, None if state_noise is None else noise_rows(equations, first, state_noise))
+    return solve(total, equations)
 
 
 def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
@@ -227,44 +217,15 @@ def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
         yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
 
 
-def noise_rows(
-    equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Errors of some rows of the equations due to the noise of the joint states.
-
-    Args:
-        equations: Equations to fit.
-        samples: Measured joint states, of which a few are used.
-        state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
-
-    Returns:
-        Rows at states with the noise added once more, less rows at the measured states, whitened where the samples are
-        weighted (rows, columns).
-    """
-    few = samples[:: max(1, len(samples) // FEW_SAMPLES)]
-    rng = np.random.default_rng(0)
-    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(few.motion.states, state_noise, strict=True))
-    noisy = replace(few, motion=Motion(q, dq, ddq, few.motion.base))
-
-    def rows(part: Samples) -> np.ndarray:
-        return np.concatenate([chunk[:-1].reshape(len(chunk) - 1, -1).copy() for chunk in equations.rows(part)], axis=1)
-
-    return (rows(noisy) - rows(few)).T
-
-
-def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
+def check_excitation(root: np.ndarray, names: Sequence[str], samples: int) -> None:
     """Raises unless the motion separates all parameters.
 
-    The norms of combinations of unit-norm base columns (the singular values) must exceed rounding and, if the
-    regressor's noise is given, `ABOVE_NOISE` times their norm from noise alone: otherwise a joint at rest with noisy
-    sensors would pass for excited.
+    The norms of combinations of unit-norm base columns (the singular values) must exceed rounding.
 
     Args:
         root: Square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
         names: Names of its columns (r,).
         samples: Number of samples N.
-        noise: Difference between the base regressor at measured states and at states with the sensors' noise added
-            once more, for some samples, 6 rows each (rows, r).
 
     Raises:
         ExcitationError: Some combinations are not excited; it names the base parameters in them.
@@ -273,28 +234,23 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
     _, lengths, directions = np.linalg.svd(root / norms)
-    floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
-    if noise is not None:
-        of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
-        floor = np.maximum(floor, ABOVE_NOISE * of_noise)
-    hidden = directions[lengths <= floor]
+    hidden = directions[lengths <= SINGULAR * lengths.max(initial=0)]
     if len(hidden):
         names = contributing(hidden, names)
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {listed(names)}: "
-            f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
+            f"{len(norms) - len(hidden)} of {len(norms)} combinations show above rounding. Record longer, or move the "
             "joints further.",
             names,
         )
 
 
-def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
+def solve(accumulated: Accumulator, equations: Equations) -> Fit:
     """Fit from an accumulator.
 
     Args:
         accumulated: Accumulator of all samples.
         equations: Equations of the accumulator.
-        noise: Errors of the columns, as for `check_excitation`.
 
     Raises:
         InputError: The accumulator is of other columns.
@@ -313,7 +269,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         A = accumulator.triangle_of(accumulator.square_root(gram[:m, :m]))
     natural = order.argsort()
     root = (A @ P_b)[:, natural]
-    check_excitation(root, accumulated.names, accumulated.samples, noise)
+    check_excitation(root, accumulated.names, accumulated.samples)
     inverse = accumulator.inverse_of(A)
     shift = scale * inverse @ (inverse.T @ gram[:m, m])
     # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.

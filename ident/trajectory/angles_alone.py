@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg, sparse, special
 
 from ident.recordings.smoothing import GROSS, longest_step, running_median
 from ident.recordings.times import Sampled
@@ -23,9 +23,8 @@ from ident.trajectory.algebra.spline import LOCAL, ORDER, Sampling, Spline
 PASSES = 4
 """Largest number of smoothing passes: small outliers show once large ones are removed."""
 
-MOST, NORMAL_QUANTILE = 0.9, 1.645
-"""Quantile of the samples by which noise is scaled, high because most may be of a resting joint; and the same quantile
-of normal noise, in standard deviations."""
+MOST = 0.9
+"""Quantile of the samples by which noise is scaled, high because most may be of a resting joint."""
 
 AROUND = 15
 """Samples around an outlier, of which most deviate little. Without noise all near a heel strike deviate by many times
@@ -137,7 +136,7 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
     out, size = np.zeros(residual.shape, bool), np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
     if len(size):
         beside = np.pad(size, ((1, 1), (0, 0)))
-        out[1:-1] = size > GROSS / NORMAL_QUANTILE * np.quantile(size, MOST, axis=0)
+        out[1:-1] = size > GROSS / special.ndtri((1 + MOST) / 2) * np.quantile(size, MOST, axis=0)
         out[1:-1] &= size >= np.maximum(beside[:-2], beside[2:])
     for j in np.flatnonzero(out.any(axis=0)):
         at = np.flatnonzero(out[1:-1, j])

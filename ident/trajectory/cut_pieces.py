@@ -8,7 +8,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
-from ident.estimation.recorded_motion import REFERENCES, WIDTH, base_coordinates, measured_poses, usual_cutoff
+from ident.estimation.recorded_motion import WIDTH, base_coordinates, measured_poses, usual_cutoff
 from ident.files.table import BASE
 from ident.geometry.se3 import without_jumps
 from ident.recordings.recording import Recording
@@ -131,9 +131,10 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
             own = (own + np.append(own[:1], own[:-1])) / 2
             own[1:-1] -= np.diff(own, 2) / 12
         parts.append(Sampled(stream.time, own))
-    missing = Sampled(recording.time, np.full((len(recording.time), WIDTH + REFERENCES), np.nan))
+    missing = Sampled(recording.time, np.full((len(recording.time), 3 * WIDTH), np.nan))
     poses = [measured_poses(recording, x) if x in recording.trackers else missing for x in measurement.tracked]
-    parts += [Sampled(x.time, x.values[:, own]) for own in (slice(WIDTH), slice(WIDTH, None)) for x in poses]
+    # Their channels, and then the first and the second halves of their orientations.
+    parts += [Sampled(x.time, x.values[:, first : first + WIDTH]) for first in (0, WIDTH, 2 * WIDTH) for x in poses]
     time, values = side_by_side(parts)
     values, references = np.split(values, [measurement.width], axis=1)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
@@ -141,8 +142,7 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
-    halves = np.nan_to_num(references).reshape(len(time), len(poses), 2, 6).swapaxes(1, 2)
-    halves = halves.reshape(len(time), 2, 6 * len(poses))
+    halves = np.nan_to_num(references).reshape(len(time), 2, WIDTH * len(poses))
     return Sampled(time, values), np.concatenate([np.stack([averages, wrenches - averages], axis=1), halves], axis=2)
 
 

@@ -1,4 +1,4 @@
-"""Prediction of pieces left out of a fit, by which noise models and set-up errors are chosen.
+"""Moves, which are kept or undone, and the prediction of pieces left out of a fit, by which most of them are.
 
     θ_-k = θ + (P - P_k)⁻¹ (g - g_k)                          parameters without piece k
     e_k  = y_k - f(x_k, θ_-k)                                 errors of its channels, motion from its angles alone
@@ -7,15 +7,18 @@
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
 
+from collections.abc import Callable
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
 import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import channel_scales
 from ident.recordings.times import Sampled
-from ident.tolerances import UNEXPLAINED
+from ident.tolerances import ROUNDING, UNEXPLAINED
 from ident.trajectory.angles_alone import Trajectory, smoothed
-from ident.trajectory.fit.fitted import TrajectoryFit, inverse_of_precision
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
 
 SMOOTHING = 0.01 * 2.0 ** np.arange(6)
@@ -25,15 +28,52 @@ CLEARLY = 0.03
 """Decrease of the mean log error, over the explained channels, with which another fit replaces the usual one: white
 weights cost less and are more robust to model errors."""
 
-TINIEST = 1e-9
-"""Least error relative to the signal, so that its logarithm is finite."""
-
 LOSSES = 3.0
 """Ratio of the gains of pieces to the losses of others above which a parameter is accepted: pieces carry different
 information on it, so that neither their number nor a mean would do."""
 
-DETERMINED = 1e-9
-"""Least share of a parameter's precision in the other pieces with which it is fitted without one."""
+
+class HasFit(Protocol):
+    """Estimate, or search for one."""
+
+    @property
+    def fit(self) -> TrajectoryFit:
+        """Its fit."""
+
+
+State = TypeVar("State", bound=HasFit)
+
+
+class Move(NamedTuple, Generic[State]):
+    """A change of what is fitted.
+
+    Attributes:
+        fitted: Function that fits with it; it may be undetermined.
+        kept: Test of the result: True to keep it.
+    """
+
+    fitted: Callable[[], State]
+    kept: Callable[[State], bool]
+
+
+def after(state: State, move: Move[State]) -> State:
+    """State after a move, or the state itself if that is undetermined or not kept."""
+    if state.fit.status == "interrupted":
+        return state
+    try:
+        tried = move.fitted()
+    except (ExcitationError, np.linalg.LinAlgError):
+        return state
+    return tried if tried.fit.status == "interrupted" or move.kept(tried) else state
+
+
+def moved(state: State, proposed: Callable[[State], Move[State] | None]) -> State:
+    """State after moves that are proposed for it, one after another, until one is not kept or none is proposed."""
+    while state.fit.status != "interrupted" and (move := proposed(state)) is not None:
+        before, state = state, after(state, move)
+        if state is before:
+            break
+    return state
 
 
 def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -48,7 +88,7 @@ def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, 
     own = fit.shares[pieces]
     precision = sum((-schur for schur, _ in own), start=fit.precision)
     right = sum((-gradient for _, gradient in own), start=fit.gradient)
-    free = fit.free & (np.diag(precision) > DETERMINED * np.diag(fit.precision))
+    free = fit.free & (np.diag(precision) > ROUNDING * np.diag(fit.precision))
     theta, inverse = fit.theta.copy(), inverse_of_precision(precision[np.ix_(free, free)])
     theta[free] += inverse @ right[free]
     return theta, inverse, free
@@ -153,7 +193,7 @@ def _cost(fit: TrajectoryFit, k: int, free: np.ndarray) -> float:
     """
     schur, right = fit.shares[k]
     others = fit.precision - schur
-    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > DETERMINED * np.diag(fit.precision))
+    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > ROUNDING * np.diag(fit.precision))
     apart = free & ~shared
     step, own = np.zeros(len(free)), np.ix_(apart, apart)
     step[shared] = inverse_of_precision(others[np.ix_(shared, shared)]) @ (fit.gradient - right)[shared]

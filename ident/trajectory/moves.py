@@ -9,8 +9,9 @@
 6. Set-up errors and further friction are freed one by one (`ident.trajectory.setup_search`).
 7. The estimate converges (`SETTLED`): fits before it end once what they decide would not change any more (`NEAR`).
 
-Moves 2, 4 and 5 share one test, `better`. Standard deviations follow from noise that is estimated independently of the
-weights (`ident.trajectory.fit.sandwich`).
+Moves 2, 4 and 5 share one test, `better`. All but knots, of which each recording keeps its own, are kept or undone by
+`ident.trajectory.left_out.after`. Standard deviations follow from noise that is estimated independently of the weights
+(`ident.trajectory.fit.sandwich`).
 """
 
 from collections import defaultdict
@@ -25,17 +26,17 @@ from ident.errors import ExcitationError
 from ident.estimation.preparation import length
 from ident.estimation.setup_parameters import SetupParameter
 from ident.parameters.consistency import consistent_parameters
-from ident.tolerances import SIGNIFICANT
+from ident.tolerances import ROUNDING, SIGNIFICANT
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import TINIEST, Start, TrajectoryFit, inverse_of_precision
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, inverse_of_precision
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import residual
 from ident.trajectory.fit.repeats import repeating
 from ident.trajectory.fit.sandwich import by_samples, with_scatter
-from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
+from ident.trajectory.left_out import CLEARLY, Move, after, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import speeds
-from ident.trajectory.setup_search import searched
+from ident.trajectory.setup_search import SearchSpace, searched
 from ident.trajectory.stages import EXPLORED, Stages
 from ident.trajectory.start import likely_delay, smoothed
 
@@ -71,8 +72,8 @@ rubs ends at 1.00, from 1.03 while θ moves by 24."""
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
-KNOTS_PER_SAMPLE, SLACK = 2.0, 1e-6
-"""Least number of samples per knot, and relative tolerance of that limit."""
+KNOTS_PER_SAMPLE = 2.0
+"""Least number of samples per knot."""
 
 ROUGHER = 1e3
 """Factor by which smoothness that was estimated while set-up errors were in the residuals begins lower than it ended.
@@ -193,16 +194,16 @@ def whole(stages: Stages, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
     Noise that is correlated there has to predict all pieces better as well: white noise is the more robust choice.
     The covariance of its gradient is that of the fewer pieces, by numbers of samples: enough for score tests.
     """
-    pieces, selected, counts = stages.cut(estimate.steps, 1)
+    pieces = stages.cut(estimate.steps, 1)
     alone = smoothed(pieces, estimate.fit.noises, executor=stages.executor)
     if estimate.reversals is not None:
-        theta = [estimate.fit.theta[own] for own in selected]
+        theta = [estimate.fit.theta[stages.of_recording[piece.log]] for piece in pieces]
         rates = [speeds(stages.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
         pieces = estimate.reversals.opened(pieces, rates)
-    begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
+    begun = replace(estimate.fit, pieces=pieces, coefficients=alone.coefficients)
     begun = replace(begun, theta=np.where(begun.free | ~stages.is_setup, begun.theta, stages.prior.mean))
     begun = replace(begun, noises=[replace(own, channels_rho=0 * own.channels_rho) for own in begun.noises])
-    out = stages.refitted(replace(estimate.with_fit(begun.unbound), counts=counts, coloured=False))
+    out = stages.refitted(replace(estimate.with_fit(begun.unbound), coloured=False))
     out = _coloured(stages, out) if estimate.coloured else out
     if out.fit.status == "interrupted":
         return out
@@ -214,17 +215,20 @@ def with_setup_errors(stages: Stages, estimate: TrajectoryEstimate) -> Trajector
     estimate = _with_weighted_prior(stages, estimate if estimate.fit.scatters else stages.scattered(estimate))
     if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
         return estimate
-    refit = stages.refit_of(estimate, shares=False)
 
-    def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-        return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
+    def scattered(begin: TrajectoryFit) -> TrajectoryFit:
+        return with_scatter(estimate.measurement, stages.fitted(estimate, begin, shares=False), every=False)
 
     far = [at for at, each in stages.setup.items() if each.row.far and stages.search]
     delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
-    candidates, least = stages.is_setup & ~stages.is_estimated & stages.search, _unfollowed(stages, estimate)
-    drives, groups = stages.is_drive & ~estimate.fit.unbound.free, _groups(stages.setup, len(stages.names))
-    search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, stages.gross)
-    return replace(estimate, search=search)
+    space = SearchSpace(
+        setup=stages.is_setup & ~stages.is_estimated & stages.search,
+        drives=stages.is_drive & ~estimate.fit.unbound.free,
+        least=_unfollowed(stages, estimate),
+        gross=stages.gross,
+        groups=_groups(stages.setup, len(stages.names)),
+    )
+    return replace(estimate, search=searched(estimate.search, scattered, space, delays))
 
 
 def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:
@@ -233,7 +237,7 @@ def _unfollowed(stages: Stages, estimate: TrajectoryEstimate) -> np.ndarray:
     half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
     between = [float(np.median(np.diff(piece.when))) for piece in pieces]
     pairs = zip((estimate.steps[piece.log] for piece in pieces), between, strict=True)
-    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + SLACK)), default=0.0)
+    step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + ROUNDING)), default=0.0)
     for at, each in stages.setup.items():
         if each.row.shift is not None:
             out[at] = UNFOLLOWED * step / abs(each.row.shift(half))
@@ -310,18 +314,14 @@ def better(
         other: Function that returns the other one, which may not be determined.
         margin: Decrease of the mean log error from which it is better.
     """
-    if usual.fit.status == "interrupted" or len(usual.fit.pieces) < 2:
-        return usual
-    try:
-        tried = other()
-    except (ExcitationError, np.linalg.LinAlgError):
-        return usual
-    if tried.fit.status == "interrupted":
-        return tried
-    both = usual, tried
-    least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
-    errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
-    return replace(both[clearly_less(errors[0], errors[1], margin)], errors={**usual.errors, name: errors})
+    errors = dict(usual.errors)
+
+    def kept(tried: TrajectoryEstimate) -> bool:
+        least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
+        errors[name] = np.array([prediction_errors(each.measurement, each.fit, least) for each in (usual, tried)])
+        return clearly_less(errors[name][0], errors[name][1], margin)
+
+    return replace(after(usual, Move(other, kept)), errors=errors) if len(usual.fit.pieces) > 1 else usual
 
 
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
@@ -378,7 +378,7 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
     and the noise are fitted again; that changes ψ*, and the two steps alternate until ψ converges. Covariances are
     those without the condition, which adds little information where noise alone violates it.
     """
-    fit, refit, equations = estimate.fit, stages.refit_of(estimate, settled=SETTLED), stages.measurement.equations
+    fit, equations = estimate.fit, stages.measurement.equations
     mechanism, parameters, rank = equations.mechanism, equations.parameters, equations.parameters.rank
     absorbed, is_psi = equations.from_drives[:rank], np.arange(len(fit.theta)) < rank
     held = fit
@@ -390,8 +390,8 @@ def with_physical_bodies(stages: Stages, estimate: TrajectoryEstimate) -> Trajec
         )
         psi = bodies.psi + absorbed
         step = np.abs(psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
-        begin = replace(held.end, theta=np.r_[psi, held.theta[rank:]])
-        held = refit(begin, fit.free & ~is_psi, iteration.ROUNDS)
+        begin = replace(held, theta=np.r_[psi, held.theta[rank:]], free=fit.free & ~is_psi)
+        held = stages.fitted(estimate, begin, settled=SETTLED)
         if step.max() < RESTS or held.status == "interrupted":
             break
     if held is not fit:

@@ -30,7 +30,6 @@ class TrajectoryEstimate:
     Attributes:
         measurement: Channels, and the parameters of one recording.
         search: Trajectories, parameters and noise, and the set-up parameters that are not as stated.
-        counts: Number of pieces of each recording.
         steps: Largest knot spacing of each recording, s.
         known: True if a prior of the model's parameters was used.
         coloured: True if the fit's weights assume noise correlated over time.
@@ -42,7 +41,6 @@ class TrajectoryEstimate:
 
     measurement: Measurement
     search: Search
-    counts: tuple[int, ...]
     steps: tuple[float, ...]
     known: bool
     coloured: bool = False
@@ -54,6 +52,11 @@ class TrajectoryEstimate:
     def fit(self) -> TrajectoryFit:
         """Trajectories, parameters and noise."""
         return self.search.fit
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of pieces of each recording."""
+        return tuple(np.bincount([piece.log for piece in self.fit.pieces]).tolist())
 
     def with_fit(self, fit: TrajectoryFit) -> "TrajectoryEstimate":
         """Estimate with another fit."""
@@ -140,8 +143,8 @@ class TrajectoryEstimate:
     def as_stated(self) -> "TrajectoryEstimate":
         """Estimate with the set-up as stated, and with the first recording's offsets and friction for all."""
         theta, columns = np.where(self.is_setup, 0.0, self.fit.theta), len(self.measurement.equations.names)
-        for own in self.fit.selections:
-            theta[own[:columns]] = self.fit.theta[self.fit.selections[0][:columns]]
+        for own in self.fit.of_recording:
+            theta[own[:columns]] = self.fit.theta[self.fit.of_recording[0][:columns]]
         return replace(self, search=replace(self.search, fit=replace(self.fit, theta=theta), deviations=()))
 
     def pieces_of(self, which: int) -> slice:
@@ -156,8 +159,7 @@ class TrajectoryEstimate:
             which: Index of the recording, None for another one.
             left_out: True to take the columns of a recording from the other ones.
         """
-        firsts = [self.pieces_of(k).start for k in range(len(self.counts))]
-        every = np.array([self.fit.theta[self.fit.selections[k]] for k in firsts])
+        every = self.fit.theta[np.array(self.fit.of_recording)]
         others = np.delete(every, which, axis=0) if left_out and which is not None else every
         # The mean of equal parameters is exact.
         mean = every[0] + (others - every[0]).mean(axis=0)

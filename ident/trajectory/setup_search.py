@@ -13,9 +13,8 @@ from scipy import special
 
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
-from ident.trajectory.fit.fitted import Start, TrajectoryFit
-from ident.trajectory.fit.iteration import ROUNDS
-from ident.trajectory.left_out import clearly_better, gains
+from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.trajectory.left_out import Move, after, clearly_better, gains, moved
 from ident.trajectory.start import BETTER
 
 MOST_DEVIATIONS = 10
@@ -71,8 +70,8 @@ class Search:
     incredible: bool = False
 
 
-Refit = Callable[[Start, np.ndarray, int], TrajectoryFit]
-"""Function that fits from a start with given parameters free (p,) in a largest number of rounds."""
+Refit = Callable[[TrajectoryFit], TrajectoryFit]
+"""Function that fits the free parameters again from a starting point."""
 
 Delays = Mapping[int, Callable[[TrajectoryFit], float]]
 """Functions that return a long delay that a fit may lack, zero for none, by its index in θ."""
@@ -93,14 +92,15 @@ class Step(NamedTuple):
     size: float
     deviations: tuple[Deviation, ...]
 
-    def taken(self, refit: Refit) -> TrajectoryFit:
-        """Fit with these parameters."""
-        return _fit_from(self.fit, refit, self.direction != 0, self.fit.theta + self.size * self.direction)
+    def taken(self, search: Search, refit: Refit) -> Search:
+        """Search with these parameters."""
+        fit = _fit_from(self.fit, refit, self.direction != 0, self.fit.theta + self.size * self.direction)
+        return replace(search, fit=fit, deviations=(*search.deviations, *self.deviations))
 
-    def is_significant(self, fit: TrajectoryFit, threshold: float) -> bool:
-        """True if they change in a fit by more than a number of its standard deviations."""
-        std = np.sqrt(self.direction @ fit.covariance @ self.direction)
-        return bool(abs(self.direction @ fit.theta) > threshold * std)
+    def is_significant(self, search: Search, threshold: float) -> bool:
+        """True if they change in its fit by more than a number of their standard deviations."""
+        std = np.sqrt(self.direction @ search.fit.covariance @ self.direction)
+        return bool(abs(self.direction @ search.fit.theta) > threshold * std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class SearchSpace:
     Attributes:
         setup: Mask of those of the set-up (p,).
         drives: Mask of drives, which are not negative and have no prior (p,).
-        least: Sizes below which they are rejected (p,).
+        least: Sizes below which they are rejected (p,), in addition to `NEGLIGIBLE`.
         gross: Standard deviations of errors beyond what is stated, zero for none (p,).
         groups: Directions in which several change together, by description (p,) each.
     """
@@ -173,56 +173,53 @@ class SearchSpace:
         return values, np.where(likely, z, 0.0)
 
 
-def searched(
-    first: Search,
-    refit: Refit,
-    candidates: np.ndarray,
-    groups: Mapping[str, np.ndarray],
-    least: np.ndarray | float = 0.0,
-    drives: np.ndarray | None = None,
-    delays: Delays = MappingProxyType({}),
-    gross: np.ndarray | float = 0.0,
-) -> Search:
+def searched(first: Search, refit: Refit, space: SearchSpace, delays: Delays = MappingProxyType({})) -> Search:
     """Frees parameters as long as some are significant and improve the prediction of left-out pieces.
 
     Args:
         first: The fit with the set-up as stated, or as estimated so far.
         refit: Function that fits again, with the covariance under the estimated noise.
-        candidates: Mask of the set-up parameters (p,).
-        groups: Directions in which several parameters change together, by description (p,) each; those of more than
-            `MOST_DEVIATIONS` are neither tried nor alternatives.
-        least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
-        drives: Mask of drives to try beside them (p,).
+        space: Parameters that may be freed; groups of more than `MOST_DEVIATIONS` are neither tried nor alternatives.
         delays: Long delays to try before, of which those that later ones make needless are removed again.
-        gross: Standard deviations of errors beyond what is stated, zero for none (p,).
     """
     first = _with_long_delays(first, refit, delays)
-
-    def incredible() -> Search:
-        none = np.zeros_like(candidates)
-        return replace(searched(first, refit, none, {}, drives=drives), incredible=True)
-
-    fitted, deviations = first.fit, first.deviations
-    drives = np.zeros_like(candidates) if drives is None else drives
-    groups = {name: each for name, each in groups.items() if np.count_nonzero(each) <= MOST_DEVIATIONS}
+    groups = {name: each for name, each in space.groups.items() if np.count_nonzero(each) <= MOST_DEVIATIONS}
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum() + len(groups), 1)))
-    known = _known(fitted)
-    least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
-    every = SearchSpace(candidates, drives, least, np.broadcast_to(gross, known.shape), groups)
-    while fitted.free.sum() - first.fit.free.sum() < MOST_DEVIATIONS and fitted.status != "interrupted":
-        if (step := every.alone(fitted) or every.together(fitted)) is None:
-            break
-        try:
-            tried = step.taken(refit)
-        except ExcitationError:
-            return incredible()
-        if not step.is_significant(tried, threshold):
-            break
-        if (np.abs(tried.theta) > INCREDIBLE * _known(tried))[candidates].any():
-            return incredible()
-        fitted, deviations = tried, (*deviations, *step.deviations)
-    return _without_idle(replace(first, fit=fitted, deviations=deviations), refit, delays, threshold)
+    tests = max((space.setup | space.drives).sum() + len(groups), 1)
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / tests))
+    least = np.where(space.drives, 0.0, np.maximum(NEGLIGIBLE * _known(first.fit), space.least))
+    every = replace(space, least=least, groups=groups)
+
+    def proposed(search: Search) -> Move[Search] | None:
+        if search.fit.free.sum() - first.fit.free.sum() >= MOST_DEVIATIONS:
+            return None
+        step = every.alone(search.fit) or every.together(search.fit)
+        if step is None:
+            return None
+
+        def taken() -> Search:
+            try:
+                return step.taken(search, refit)
+            except ExcitationError:
+                raise _IncredibleError from None
+
+        def kept(tried: Search) -> bool:
+            significant = step.is_significant(tried, threshold)
+            if significant and (np.abs(tried.fit.theta) > INCREDIBLE * _known(tried.fit))[space.setup].any():
+                raise _IncredibleError
+            return significant
+
+        return Move(taken, kept)
+
+    try:
+        return _without_idle(moved(first, proposed), refit, delays, threshold)
+    except _IncredibleError:
+        drives_alone = replace(space, setup=np.zeros_like(space.setup), groups={})
+        return replace(searched(first, refit, drives_alone), incredible=True)
+
+
+class _IncredibleError(Exception):
+    """Errors beyond `INCREDIBLE` are needed."""
 
 
 def _known(fit: TrajectoryFit) -> np.ndarray:
@@ -234,8 +231,7 @@ def _fit_from(
     fit: TrajectoryFit, refit: Refit, own: np.ndarray, value: float | np.ndarray, *, free: bool = True
 ) -> TrajectoryFit:
     """Fit that starts from another value of some parameters, by their mask, which are free or fixed."""
-    start = replace(fit.end, theta=np.where(own, value, fit.theta))
-    return refit(start, np.where(own, free, fit.free), ROUNDS)
+    return refit(replace(fit, theta=np.where(own, value, fit.theta), free=np.where(own, free, fit.free)))
 
 
 def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
@@ -246,17 +242,20 @@ def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> Trajectory
 def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:
     """Search with the long delays with which the channels' noise is smaller."""
     for at, likely in delays.items():
-        fit = search.fit
-        if fit.free[at] or fit.status == "interrupted" or not (delay := likely(fit)):
-            continue
-        try:
-            late = _fit_from(fit, refit, np.arange(len(fit.theta)) == at, delay)
-        except ExcitationError:
-            continue
-        better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
-        if better or late.status == "interrupted":
-            search = replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
+        if not search.fit.free[at] and search.fit.status != "interrupted" and (delay := likely(search.fit)):
+            search = after(search, _long_delay(search, refit, at, delay))
     return search
+
+
+def _long_delay(search: Search, refit: Refit, at: int, delay: float) -> Move[Search]:
+    """A long delay that a fit lacks, by its index in θ."""
+    fit = search.fit
+
+    def late() -> Search:
+        later = _fit_from(fit, refit, np.arange(len(fit.theta)) == at, delay)
+        return replace(search, fit=later, deviations=(*search.deviations, Deviation(at, ())))
+
+    return Move(late, lambda tried: np.log(tried.fit.channel_noise / fit.channel_noise).mean() < np.log(BETTER))
 
 
 def _without_idle(search: Search, refit: Refit, delays: Delays, threshold: float) -> Search:

@@ -13,14 +13,14 @@ from ident.estimation.preparation import Part
 from ident.estimation.setup_parameters import SetupParameter
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
+from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, Report, Tolerance
 from ident.trajectory.fit.noise_colours import ENOUGH
 from ident.trajectory.fit.piece import Piece, residual
 from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
-from ident.trajectory.setup_search import Deviation, Refit, Search
+from ident.trajectory.setup_search import Deviation, Search
 from ident.trajectory.start import smoothed, start
 
 EXPLORED = 6
@@ -41,7 +41,7 @@ class Stages:
         recordings: Parts of recordings to fit.
         names: Names of all parameters.
         setup: Those of the set-up by index.
-        selections: Indices of each recording's parameters among all.
+        of_recording: Indices of each recording's parameters among all.
         prior: Prior of all parameters.
         known: True if it includes a prior of the model's parameters.
         search: True to search for set-up errors.
@@ -53,7 +53,7 @@ class Stages:
     recordings: Sequence[Part[slice]]
     names: Sequence[str]
     setup: Mapping[int, SetupParameter]
-    selections: Sequence[np.ndarray]
+    of_recording: Sequence[np.ndarray]
     prior: Prior
     known: bool
     search: bool
@@ -76,7 +76,7 @@ class Stages:
         equations = self.measurement.equations
         local = equations.parameters.rank + np.flatnonzero(~np.isin(equations.drives, equations.mixed))
         out = np.zeros(len(self.names), bool)
-        out[[own[local] for own in self.selections]] = True
+        out[[own[local] for own in self.of_recording]] = True
         return out
 
     @cached_property
@@ -90,7 +90,7 @@ class Stages:
 
     def begun(self, steps: Sequence[float], share: int) -> TrajectoryEstimate:
         """Exploring fit with given knot spacings, s, of every `share`-th piece, begun from angles alone."""
-        pieces, selected, counts = self.cut(steps, share)
+        pieces = self.cut(steps, share)
         # A moving base is followed by cameras, whose errors last; encoders have none that do.
         alone = smoothed(pieces, coloured=self.measurement.of_base > 0, executor=self.executor)
         p, theta, reversals = len(self.measurement.names), self.prior.mean.copy(), None
@@ -99,39 +99,34 @@ class Stages:
             reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         prior = self.prior.mean[:p], self.prior.precision[:p, :p]
-        begin = start(self.measurement, pieces, alone, prior, ~self.is_setup[:p])
-        theta[np.array(selected)] = begin.theta
+        theta[np.array(self.of_recording)], noises = start(self.measurement, pieces, alone, prior, ~self.is_setup[:p])
         free = ~self.is_setup | self.is_estimated
-        at = begin.noises, begin.coefficients, pieces
-        fit = TrajectoryFit(self.names, selected, self.prior, theta, [], free, *at, (), "stopped")
+        at = theta, free, noises, alone.coefficients, pieces
+        fit = TrajectoryFit(self.names, self.of_recording, self.prior, *at)
         stated = tuple(Deviation(k, ()) for k, each in self.setup.items() if each.row.stated)
-        how = Search(fit, stated), counts, tuple(steps), self.known
-        return self._explored(TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup))
+        how = Search(fit, stated), tuple(steps), self.known
+        begun = TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
+        return self.refitted(begun, rounds=EXPLORED, explore=True)
 
     def denser(self, coarse: TrajectoryEstimate, steps: Sequence[float], share: int) -> TrajectoryEstimate:
         """Exploring fit with other knots, warm-started from another one."""
-        pieces, selected, _ = self.cut(steps, share)
+        pieces = self.cut(steps, share)
         was = coarse.fit
         places = [
             old.spline.refined(c, new.spline) for old, new, c in zip(was.pieces, pieces, was.coefficients, strict=True)
         ]
         pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
-        fit = replace(was, pieces=pieces, selections=selected, coefficients=places)
-        return self._explored(replace(coarse.with_fit(fit), steps=tuple(steps)))
+        fit = replace(was, pieces=pieces, coefficients=places)
+        return self.refitted(replace(coarse.with_fit(fit), steps=tuple(steps)), rounds=EXPLORED, explore=True)
 
-    def _explored(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate fitted from its end point with white noise, until that has converged."""
-        fit = estimate.fit
-        return estimate.with_fit(self.refit_of(estimate, explore=True)(fit.end, fit.free, EXPLORED))
-
-    def cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
-        """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
-        cuts = [
-            [replace(piece, log=k) for piece in self._cut_one(part, step, share)[::share]]
-            for k, (part, step) in enumerate(zip(self.recordings, steps, strict=True))
+    def cut(self, steps: Sequence[float], share: int) -> list[Piece]:
+        """Every `share`-th piece of all recordings."""
+        cuts = zip(self.recordings, steps, strict=True)
+        return [
+            replace(piece, log=k)
+            for k, (part, step) in enumerate(cuts)
+            for piece in self._cut_one(part, step, share)[::share]
         ]
-        selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
-        return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
     def _cut_one(self, part: Part[slice], step: float, share: int) -> list[Piece]:
         """Pieces of a recording, of which each `share`-th is used; fewer if a coordinate is missing in one of them."""
@@ -148,29 +143,32 @@ class Stages:
 
         Columns that it lacks are fixed at zero. The equations of columns that it has are not computed again.
         """
-        before, was = estimate.fit, estimate.measurement.names
-        here = [k for k, name in enumerate(self.measurement.names) if name in was]
-        there = [was.index(self.measurement.names[k]) for k in here]
+        was, there = estimate.fit, {name: k for k, name in enumerate(estimate.fit.names)}
+        here = np.array([k for k, name in enumerate(self.names) if name in there])
+        old = np.array([there[self.names[k]] for k in here])
         theta, (free, bounded) = np.zeros(len(self.names)), np.zeros((2, len(self.names)), bool)
-        for k, own in enumerate(self.selections):
-            at = before.selections[estimate.pieces_of(k).start][there]
-            theta[own[here]], free[own[here]], bounded[own[here]] = before.theta[at], before.free[at], before.bound[at]
-        selections = [own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)]
-        new = {k: self.names.index(name) for k, name in enumerate(before.names) if name in self.names}
-        search = replace(estimate.search, deviations=tuple(each.renumbered(new) for each in estimate.search.deviations))
-        beyond = np.array([each.index for each in search.deviations if each.gross], int)
-        prior = self.prior.weighted(before.prior.weight).loosened(beyond, self.gross)
-        fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
-        fit = replace(fit, bounded=bounded, scatters=None)
+        theta[here], free[here], bounded[here] = was.theta[old], was.free[old], was.bound[old]
+        new = dict(zip(old.tolist(), here.tolist(), strict=True))
+        deviations = tuple(each.renumbered(new) for each in estimate.search.deviations)
+        beyond = np.array([each.index for each in deviations if each.gross], int)
+        fit = replace(
+            was,
+            names=self.names,
+            of_recording=self.of_recording,
+            prior=self.prior.weighted(was.prior.weight).loosened(beyond, self.gross),
+            theta=theta,
+            free=free,
+            bounded=bounded,
+            scatters=None,
+        )
+        search = replace(estimate.search, fit=fit, deviations=deviations)
         measured = self.measured(estimate.reversals)
-        estimate = replace(estimate, measurement=measured, search=search, setup=self.setup, known=self.known)
-        if before.shares and set(self.names) <= set(before.names):
-            kept = [before.names.index(name) for name in self.names]
-            shares = [(precision[np.ix_(kept, kept)], right[kept]) for precision, right in before.shares]
-            scatters = before.scatters and [each[np.ix_(kept, kept)] for each in before.scatters]
-            return estimate.with_fit(replace(fit, shares=shares, scatters=scatters))
-        again = self.refit_of(estimate.with_fit(fit))(fit.end, free, 0)
-        return estimate.with_fit(replace(fit, shares=again.shares))
+        carried = replace(estimate, measurement=measured, search=search, setup=self.setup, known=self.known)
+        if was.shares and len(here) == len(self.names):
+            shares = [(precision[np.ix_(old, old)], right[old]) for precision, right in was.shares]
+            scatters = was.scatters and [each[np.ix_(old, old)] for each in was.scatters]
+            return carried.with_fit(replace(fit, shares=shares, scatters=scatters))
+        return carried.with_fit(replace(fit, shares=self.fitted(carried, rounds=0).shares))
 
     def opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals, if joints rub."""
@@ -190,12 +188,12 @@ class Stages:
         rounds: int = iteration.ROUNDS,
         settled: Tolerance = NEAR,
         shares: bool = True,
+        explore: bool = False,
     ) -> TrajectoryEstimate:
-        """Estimate fitted again from its end point, to a tolerance."""
-        fit = estimate.fit
-        rounds = 0 if fit.status == "interrupted" else rounds
-        again = self.refit_of(estimate, settled, shares)(fit.end, fit.free, rounds)
-        again = replace(again, status="interrupted") if not rounds else again
+        """Estimate fitted again from its end point, arguments as for `fitted`."""
+        rounds = 0 if estimate.fit.status == "interrupted" else rounds
+        again = self.fitted(estimate, rounds=rounds, settled=settled, shares=shares, explore=explore)
+        again = again if rounds else replace(again, status="interrupted")
         return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
     def scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -204,53 +202,53 @@ class Stages:
             return estimate
         return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
 
-    def refit_of(
-        self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR, shares: bool = True, explore: bool = False
-    ) -> Refit:
-        """Function that fits the pieces of an estimate again, with its noise model, friction and prior.
+    def fitted(
+        self,
+        estimate: TrajectoryEstimate,
+        begin: TrajectoryFit | None = None,
+        *,
+        rounds: int = iteration.ROUNDS,
+        settled: Tolerance = NEAR,
+        shares: bool = True,
+        explore: bool = False,
+    ) -> TrajectoryFit:
+        """Fit with the noise model and friction of an estimate.
 
-        Drives that the estimate does not have are fitted only where they are free.
+        Drives that the starting point does not have are fitted only where they are free.
 
         Args:
             estimate: The estimate.
-            settled: Tolerance with which fits end.
+            begin: Starting point, by default the estimate's end point.
+            rounds: Largest number of rounds.
+            settled: Tolerance with which the fit ends.
             shares: True for the shares of the pieces, which fits have anyway if they are long or have drives at their
                 bound.
             explore: True to end as soon as the channels' noise has converged, without shares.
         """
-        fit = estimate.fit
+        begin = estimate.fit if begin is None else begin
+        drives = self.is_drive & begin.counted
+        # Of a long recording a covariance has the responses of some pieces only, and would compute those of the others.
+        is_long = sum(len(piece.when) for piece in begin.pieces) > ENOUGH
         solve = partial(
             iteration.fit,
-            self.measurement if explore else self.measured(estimate.reversals),
-            fit.pieces,
-            prior=fit.prior,
-            names=self.names,
-            selections=fit.selections,
+            self.measured(estimate.reversals),
             coloured=estimate.coloured,
             explore=explore,
             settled=settled,
             executor=self.executor,
+            rounds=rounds,
             report=self.report,
         )
-        drives = self.is_drive & fit.unbound.free
-        # Of a long recording a covariance has the responses of some pieces only, and would compute those of the others.
-        is_long = sum(len(piece.when) for piece in fit.pieces) > ENOUGH
 
-        def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            bounded = drives | (self.is_drive & free)
+        def solved(at: TrajectoryFit) -> TrajectoryFit:
+            # Drives at their bound are tried again by their scores.
+            return solve(at, shares=not explore and (shares or is_long or bool((drives & ~at.free).any())))
 
-            def solved(begin: Start, *, free: np.ndarray, rounds: int) -> TrajectoryFit:
-                # Drives at their bound are tried again by their scores.
-                asked = not explore and (shares or is_long or bool((bounded & ~free).any()))
-                return solve(begin, free=free, rounds=rounds, shares=asked)
-
-            return with_positive(solved, bounded, begin, free, rounds)
-
-        return refit
+        return with_positive(solved, begin, drives)
 
 
 def with_positive(
-    solve: Callable[..., TrajectoryFit], drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int
+    solve: Callable[[TrajectoryFit], TrajectoryFit], begin: TrajectoryFit, drives: np.ndarray
 ) -> TrajectoryFit:
     """Fit with no drive below zero.
 
@@ -258,30 +256,27 @@ def with_positive(
     free. After the largest number of rounds no drive is freed again: the fit that goes on from there does that.
 
     Args:
-        solve: Function that fits the parameters of a mask `free` (p,) from a start, in at most `rounds` rounds.
-        drives: Mask of the drives (p,).
+        solve: Function that fits the free parameters from a starting point.
         begin: Starting point.
-        free: Mask of the parameters to fit (p,); other drives may be freed.
-        rounds: Largest number of rounds of each fit.
+        drives: Mask of the drives (p,), which may be freed.
     """
-    fit = _bounded(solve, drives, begin, free, rounds)
+    fit = _bounded(solve, begin, drives)
     # A drive that is negative while others are negative too may be positive once these are zero.
     untried = drives.copy()
-    while rounds and fit.status != "stopped" and (gains := _gains(fit, untried & ~fit.free)).any():
+    while fit.status != "stopped" and (gains := _gains(fit, untried & ~fit.free)).any():
         best = np.arange(len(drives)) == np.argmax(gains)
         untried &= ~best
-        fit = _bounded(solve, drives, fit.end, fit.free | best, rounds)
+        fit = _bounded(solve, replace(fit, free=fit.free | best), drives)
     return replace(fit, bounded=drives & ~fit.free)
 
 
 def _bounded(
-    solve: Callable[..., TrajectoryFit], drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int
+    solve: Callable[[TrajectoryFit], TrajectoryFit], begin: TrajectoryFit, drives: np.ndarray
 ) -> TrajectoryFit:
     """Fit with drives that come out negative fixed at zero."""
-    fit = solve(begin, free=free, rounds=rounds)
+    fit = solve(begin)
     while fit.status != "interrupted" and (negative := drives & fit.free & (fit.theta < 0)).any():
-        theta = np.where(negative, 0.0, fit.theta)
-        fit = solve(replace(fit.end, theta=theta), free=fit.free & ~negative, rounds=rounds)
+        fit = solve(replace(fit, theta=np.where(negative, 0.0, fit.theta), free=fit.free & ~negative))
     return fit
 
 
@@ -289,6 +284,6 @@ def _gains(fit: TrajectoryFit, held: np.ndarray) -> np.ndarray:
     """Decrease of the cost if one parameter at zero were free, zero if it would be negative (p,)."""
     gains = np.zeros(len(held))
     if fit.shares and fit.status != "interrupted":
-        values, std = replace(fit, scatters=None).scores(np.eye(len(held))[held])
+        values, std = fit.scores(np.eye(len(held))[held])
         gains[held] = np.where(values > 0, (values / std) ** 2, 0.0)
     return gains

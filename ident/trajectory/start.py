@@ -7,7 +7,6 @@ under a person may be late by a tenth of a second or more, as long as accelerati
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
@@ -18,7 +17,7 @@ from ident.estimation.noise import LEAST, beside_others, channel_scales, least_n
 from ident.recordings.smoothing import at_rest, white_noise
 from ident.trajectory.angles_alone import Trajectory
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import TINIEST, Prior, Start, TrajectoryFit
+from ident.trajectory.fit.fitted import TINIEST, Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise, Piece, channel_times, clocks
 from ident.trajectory.left_out import motion_alone
 
@@ -61,8 +60,8 @@ SMOOTHED = 0.02, 0.08
 REMAINING = 0.9
 """Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
 
-TRIED, COMPARED = 20_000, 400
-"""Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
+COMPARED = 400
+"""Approximate largest number of samples of channels to compare."""
 
 
 def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,11 +78,11 @@ COORDINATES = cast(
 def start(
     measurement: Measurement,
     pieces: Sequence[Piece],
-    alone: Start,
+    alone: TrajectoryFit,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
-) -> Start:
-    """Starting point of smoothed coordinates, and parameters by weighted least squares.
+) -> tuple[np.ndarray, list[Noise]]:
+    """Parameters by weighted least squares (p,), and the noise of every recording with that of the channels.
 
     Args:
         measurement: Channels and parameters.
@@ -108,7 +107,7 @@ def start(
         own = least_noise([piece.signal for piece in pieces if piece.log == log], names)
         std, rho = np.maximum(channels, own), np.zeros(len(own))
         noises.append(replace(noise, channels=std, channels_rho=rho, floor_channels=own, alike=alike))
-    return Start(theta, noises, alone.coefficients)
+    return theta, noises
 
 
 def smoothed(
@@ -117,7 +116,7 @@ def smoothed(
     *,
     coloured: bool = False,
     executor: Executor | None = None,
-) -> Start:
+) -> TrajectoryFit:
     """Every coordinate smoothed alone, with smoothness, and noise unless given, by restricted likelihood.
 
     Args:
@@ -129,16 +128,16 @@ def smoothed(
     none, logs = np.zeros(0), range(max(piece.log for piece in pieces) + 1)
     own = noises or [_first_noise([piece for piece in pieces if piece.log == log]) for log in logs]
     own = [replace(noise, channels=none, channels_rho=none, floor_channels=none, alike=()) for noise in own]
-    begin = Start(none, own, [_interpolated(piece) for piece in pieces])
     bare = [
         replace(piece, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
         for piece in pieces
     ]
+    prior, no_indices = Prior(none, np.zeros((0, 0))), [np.zeros(0, int)] * len(logs)
+    fit = TrajectoryFit([], no_indices, prior, none, none > 0, own, [_interpolated(piece) for piece in pieces], bare)
     fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
-    fit = partial(iteration.fit, COORDINATES, bare, prior=Prior(none, np.zeros((0, 0))), free=np.zeros(0, bool))
     for rounds, kept, may in fits:
-        begin = fit(begin, coloured=may, kept=kept, executor=executor, rounds=rounds).end
-    return begin
+        fit = iteration.fit(COORDINATES, fit, coloured=may, kept=kept, executor=executor, rounds=rounds)
+    return fit
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
@@ -211,7 +210,6 @@ def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float
         The delay, zero if none is clearly better than no delay.
     """
     own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
-    own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
     longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
     # After a longer delay channels and motion do not overlap; no prior has no limit of its own.

@@ -90,10 +90,10 @@ def trajectory_estimate(
     def stages_of(known: Mapping[str, float] | None, columns: Equations, own: Sequence[str] = own) -> Stages:
         # A prior is that of the bodies as they are.
         measurement = measurement_of(columns, columns.mechanism if known is not None else sized)
-        names, setup_at, selections = _shared(measurement, len(recordings), own)
+        names, setup_at, of_recording = _shared(measurement, len(recordings), own)
         prior = _prior(measurement, setup_at, len(names), known)
         return Stages(
-            measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
+            measurement, recordings, names, setup_at, of_recording, prior, known is not None, search, executor, report
         )
 
     stages = stages_of(known, equations)
@@ -177,15 +177,15 @@ def _shared(
     measurement: Measurement, recordings: int, own: Sequence[str]
 ) -> tuple[list[str], dict[int, SetupParameter], list[np.ndarray]]:
     """Names of all parameters, those of the set-up by index, and the indices of each recording's."""
-    names, setup, selections = list(measurement.names), dict(measurement.setup_at), [np.arange(len(measurement.names))]
+    names, setup, every = list(measurement.names), dict(measurement.setup_at), [np.arange(len(measurement.names))]
     mine = [*own_columns(measurement, own), *(k for k, each in measurement.setup_at.items() if each.kind in own)]
     for number in range(2, recordings + 1):
         chosen = np.arange(len(measurement.names))
         chosen[mine] = len(names) + np.arange(len(mine))
         setup |= {int(chosen[k]): replace(setup[k], log=number) for k in mine if k in setup}
         names += [name_in_log(measurement.names[k], number) for k in mine]
-        selections.append(chosen)
-    return names, setup, selections
+        every.append(chosen)
+    return names, setup, every
 
 
 def own_columns(measurement: Measurement, own: Sequence[str]) -> np.ndarray:

@@ -22,7 +22,7 @@ from ident.files.atomic import replacing
 from ident.tolerances import ROUNDING
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import (
-    LEAST_INFORMATION,
+    LEAST,
     Kinematics,
     Postures,
     check_fit,
@@ -38,8 +38,8 @@ from sim.models.xml_files import digits
 SPREAD = 0.2
 """Prior standard deviation of a factor: the variation of people's proportions about a model's."""
 
-LEAST, MOST = 0.3, 3.0
-"""Range of plausible factors."""
+LARGEST = 3.0
+"""Largest plausible factor, up or down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
         mass: Factor on all masses.
 
     Raises:
-        InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor with any lengths, as with wrong
+        InputError: A factor is above `LARGEST`, up or down, or the fit is poor with any lengths, as with wrong
             labels, units or model.
     """
     model, factors = marked.model, np.ones(len(groups))
@@ -154,11 +154,11 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
         prior = (sigma / SPREAD) ** 2
         step = np.linalg.solve(curvature + prior * np.eye(len(groups)), gradient + prior * (1 - factors))
         factors = factors + step
-        if not ((factors > LEAST) & (factors < MOST)).all():
+        if not ((factors > 1 / LARGEST) & (factors < LARGEST)).all():
             names = ", ".join(groups[int(np.abs(np.log(np.abs(factors))).argmax())])
             raise InputError(
-                f"The lengths of {names} would have to be scaled by more than {LEAST:g} to {MOST:g}: check unit, "
-                "labels and places of the markers (the residuals of a run without --scale tell which)."
+                f"The lengths of {names} would have to be scaled by a factor above {LARGEST:g}, up or down: check "
+                "unit, labels and places of the markers (the residuals of a run without --scale tell which)."
             )
         if np.abs(step).max() < 1e-6:
             break
@@ -182,7 +182,7 @@ def _reduced(postures: Postures, groups: Sequence[Sequence[str]], factors: np.nd
         L = np.stack([(other.positions(qpos) - p)[used] for other in longer], axis=2)
         J = np.concatenate([kinematics.jacobian()[used], L], axis=2)
         normal, right = normal_equations(J, (robust * marked.weights)[used, None], residual[used])
-        normal[:n, :n] += LEAST_INFORMATION * np.eye(n)
+        normal[:n, :n] += LEAST * np.eye(n)
         solved = linalg.solve(normal[:n, :n], np.column_stack([normal[:n, n:], right[:n]]), assume_a="pos")
         curvature += normal[n:, n:] - normal[n:, :n] @ solved[:, :-1]
         gradient += right[n:] - normal[n:, :n] @ solved[:, -1]

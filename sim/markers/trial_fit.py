@@ -23,8 +23,9 @@ from sim.markers.marked_model import MarkedModel
 SETTLED = 1e-7
 """Step in rad or m at which the fit has converged; the next step would be far smaller."""
 
-LEAST = 1e-9
-"""Least damping, m²/rad², which keeps normal equations solvable."""
+LEAST = 1e-8
+"""Least damping, m²/rad², which keeps normal equations solvable, and gives undetermined coordinates a large, finite
+variance."""
 
 
 class Kinematics:
@@ -211,9 +212,6 @@ markers does."""
 OUTLYING = 0.25
 """Weight below which a marker counts as outlying; its distance is then twice `FAR`."""
 
-LEAST_INFORMATION = 1e-8
-"""Information added to the curvature, m²/rad², so that undetermined coordinates have a large, finite variance."""
-
 LOOSE = 100.0
 """Standard deviation of a coordinate, in rad or m per metre of noise, from which it counts as undetermined: six degrees
 for a millimetre of noise."""
@@ -390,11 +388,11 @@ def _with_spread(
         used = w > 0
         residual = posture.residual[used]
         normal, _ = normal_equations(kinematics.jacobian()[used], w[used, None], residual)
-        spread[k] = np.linalg.inv(normal + LEAST_INFORMATION * np.eye(n))
+        spread[k] = np.linalg.inv(normal + LEAST * np.eye(n))
         # Outlying markers do not count for the noise.
         kept = robust[k] >= OUTLYING
         total += float((w[kept, None] * posture.residual[kept] ** 2).sum())
-        free += 3 * float(kept.sum()) - (n - LEAST_INFORMATION * float(np.trace(spread[k])))
+        free += 3 * float(kept.sum()) - (n - LEAST * float(np.trace(spread[k])))
     sigma = float(np.sqrt(total / free)) if free > 0.5 else np.nan
     residuals = np.array([posture.residual for posture in postures])
     return Postures(marked, np.array([p.qpos for p in postures]), residuals, robust, sigma, spread)

@@ -9,15 +9,13 @@ from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
 from ident.geometry.se3 import pose, rotation
+from ident.mechanism.body import BASE
 from ident.mechanism.loops import Coincidence, Relation, Row
 from ident.mechanism.tree import Tree
 from sim.models.notes import body_name, joint_name, name_of, note
 
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
-
-WORLD_SIDE = -1
-"""Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
 Term = tuple[int, float]
 """A joint, by its id, and its coefficient in a sum."""
@@ -88,10 +86,8 @@ def check_couplings(
         ModelError: A coupling reaches outside and is not ignored, or a name is unknown.
     """
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
-    inside = {*members, WORLD_SIDE} if base is None else set(members)
+    inside = {*members, BASE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if closing := [c for c in acting if c.row]:
-        note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
     if soft := [c for c in acting if c.row and c.soft]:
         note(
             f"Soft as a spring, but taken as rigid: {', '.join(c.name for c in soft)}. With --ignore, all their joints "
@@ -160,9 +156,9 @@ def _refuse(acting: Sequence[Coupling], why: str) -> None:
 
 
 def _of_joints(model: mujoco.MjModel, name: str, kind: str, joints: Sequence[int], row: Row | None = None) -> Coupling:
-    """A coupling of joints, which acts on the bodies on both sides of each."""
+    """A coupling of joints, which acts on the bodies on both sides of each; `BASE` is the world's ground."""
     bodies = {int(model.jnt_bodyid[j]) for j in joints}
-    sides = bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}
+    sides = bodies | {int(model.body_parentid[b]) or BASE for b in bodies}
     return Coupling(name, kind, sides, {joint_name(model, j) for j in joints}, row)
 
 
@@ -201,8 +197,8 @@ def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes
     if kind in ("joint", "tendon"):
         sums = [[(k, 1.0)] if kind == "joint" else _terms(model, k) for k in objects]
         if all(sums):
-            row = _relation(model, e, name, sums)
-            return _of_joints(model, name, what, [j for terms in sums for j, _ in terms], row)
+            joints = [j for terms in sums for j, _ in terms]
+            return _of_joints(model, name, what, joints, _relation(model, e, name, sums))
     parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
     return Coupling(name, what, set().union(*(c.bodies for c in parts)), None)
 

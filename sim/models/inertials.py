@@ -12,8 +12,9 @@ from ident.display.brief import INTERVALS
 from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.mechanism.drives import Drive
+from ident.tolerances import ROUNDING
 from sim.models.notes import body_name, note, refusals
-from sim.models.xml_files import SAME, set_comment
+from sim.models.xml_files import set_comment
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""
@@ -54,7 +55,9 @@ class Update:
             InputError: φ does not fit the bodies, or is not physical.
         """
         bodies = by_body(names, self.phi).items()
-        changed = {name: own for name, own in bodies if abs(own - (old := before(name))).max() > SAME * abs(old).max()}
+        changed = {
+            name: own for name, own in bodies if abs(own - (old := before(name))).max() > ROUNDING * abs(old).max()
+        }
         for name, own in changed.items():
             check_physical(name, own)
         return changed

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.mechanism.drives import NO_DRIVE, Actuator, Drive, checked_drives
+from ident.tolerances import ROUNDING
 from sim.models.notes import joint_name, name_of, note
-from sim.models.xml_files import SAME, restated
+from sim.models.xml_files import restated
 
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -168,7 +169,7 @@ def changed_drives(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[i
             continue
         new = {key: float(np.mean([getattr(each, of) for each in given])) for key, of in ATTRIBUTES.items()}
         old = {key: float(np.ravel(array[at])[0]) for key in new for array, at in [stated_at(model, key, j)]}
-        if values := {key: x for key, x in new.items() if abs(x - old[key]) > SAME * max(abs(x), abs(old[key]))}:
+        if values := {key: x for key, x in new.items() if abs(x - old[key]) > ROUNDING * max(abs(x), abs(old[key]))}:
             changed[j] = values
     return changed
 
@@ -182,7 +183,11 @@ def changed_servos(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[i
         new = {each.name: (each.kp, each.kv) for each in drive.actuators if each.kind == "position"}
         for a in acting_on(model, j):
             old, name = law(model, a), name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a)
-            if old.get("kp") and name in new and not np.allclose(new[name], (old["kp"], old["kv"]), rtol=SAME, atol=0):
+            if (
+                old.get("kp")
+                and name in new
+                and not np.allclose(new[name], (old["kp"], old["kv"]), rtol=ROUNDING, atol=0)
+            ):
                 changed[a] = new[name]
     return changed
 

@@ -124,8 +124,7 @@ def _from_mujoco(
     inside = tuple(row for row in rows if {*row.bodies} <= {*tree.names})
     held = {body.name: posture[body.still] for body in tree.bodies if body.still}
     arm = constrained(arm, Constraints(inside, posture).fixed(held, tree))
-    loops = loops_of(model, arm.tree, [row.name for row in arm.constraints.rows])
-    arm = replace(arm, loops=loops).rested()
+    arm = replace(arm, loops=loops_of(model, arm.tree, [row.name for row in arm.constraints.rows])).rested()
     if arm.loose:
         note(
             f"Constraints and actuators leave {', '.join(arm.loose)} free, which only springs, limits or contacts "

@@ -17,6 +17,7 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
+from ident.tolerances import ROUNDING
 from sim.models.inertials import (
     Inertial,
     Update,
@@ -37,7 +38,7 @@ from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameter
 from sim.models.notes import body_name, refusals
 from sim.models.opensim_model import OpenSimOrigin, is_opensim, write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.xml_files import SAME, ModelFile, digits, parsed, restated, text_of
+from sim.models.xml_files import ModelFile, digits, parsed, restated, text_of
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -228,8 +229,7 @@ def _mjcf(origin: Origin, source: Editable, update: Update, folder: Path) -> byt
     update.comment(changed, lambda name: bodies[members[name]])
     if overriding:
         remove_overrides(root)
-    ids = {body_name(origin.model, b): b for b in range(origin.model.nbody)}
-    _displace(bodies, spec, {ids[name]: shift for name, shift in update.displaced.items()})
+    _displace(bodies, spec, {members[name]: shift for name, shift in update.displaced.items()})
     state_drives(root, changed_drives(origin.model, update.drives))
     state_servos(root, changed_servos(origin.model, update.drives))
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
@@ -349,13 +349,10 @@ def _updated_urdf(
     for name, attributes in dynamics.items():
         values = {key: [value] for key, value in attributes.items()}
         _set_child(of_joints[name], 0, "dynamics", values, max(map(abs, attributes.values())))
-    for joint in of_joints.values():
-        child = joint.find("child")
-        if child is not None and (name := child.get("link", "")) in update.displaced:
-            origin = joint.find("origin")
-            stated = "" if origin is None else origin.get("xyz", "")
-            place = np.array(stated.split() or np.zeros(3), float) + update.displaced[name]
-            _set_child(joint, 0, "origin", {"xyz": place.tolist()}, abs(place).max())
+    carrying = {each.get("link", ""): joint for joint in of_joints.values() for each in joint.iterfind("child")}
+    for name, shift in update.displaced.items():
+        place = _of_origin(carrying[name], "xyz") + shift
+        _set_child(carrying[name], 0, "origin", {"xyz": place.tolist()}, abs(place).max())
     return file.changed()
 
 
@@ -368,7 +365,7 @@ def _state_link(link: ET.Element, phi: np.ndarray, *, short: bool) -> None:
         inertial = ET.Element("inertial")
         link.insert(0, inertial)
     mass, center, inertia = stated_parts(phi)
-    R = _axes(inertial)
+    R = Rotation.from_euler("xyz", _of_origin(inertial, "rpy")).as_matrix()
     inertia = R.T @ inertia @ R
     if short and phi[0]:
         mass, center, inertia = shortened(mass, center, inertia)
@@ -379,11 +376,11 @@ def _state_link(link: ET.Element, phi: np.ndarray, *, short: bool) -> None:
     _set_child(inertial, 2, "inertia", moments, max(abs(phi[4:])))
 
 
-def _axes(inertial: ET.Element) -> np.ndarray:
-    """Rotation from the axes of a stated inertia to the link's (3, 3)."""
-    origin = inertial.find("origin")
-    stated = "" if origin is None else origin.get("rpy", "")
-    return Rotation.from_euler("xyz", np.array(stated.split() or np.zeros(3), float)).as_matrix()
+def _of_origin(element: ET.Element, key: str) -> np.ndarray:
+    """Position, `xyz`, or angles, `rpy`, in the `<origin>` of an inertia or a joint, zero if it states none (3,)."""
+    origin = element.find("origin")
+    stated = "" if origin is None else origin.get(key, "")
+    return np.array(stated.split() or np.zeros(3), float)
 
 
 def _set_child(
@@ -396,5 +393,5 @@ def _set_child(
             parent.insert(index, ET.Element(tag, {key: digits(values) for key, values in attributes.items()}))
         return
     for key, values in attributes.items():
-        if key in child.attrib or max(map(abs, values)) > SAME * size:
+        if key in child.attrib or max(map(abs, values)) > ROUNDING * size:
             child.set(key, restated(child.get(key), values, size))

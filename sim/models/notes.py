@@ -131,15 +131,24 @@ def constrained(arm: Mechanism, constraints: Constraints) -> Mechanism:
     """The mechanism with constraints, and with those axes of its loops parallel that nearly are.
 
     Warns:
-        ModelNote: There are such axes.
+        ModelNote: There are such axes, or less nearly parallel ones, which stay; or constraints.
 
     Raises:
         ModelError: Constraints contradict each other, or their numbers are beyond all use.
     """
-    tree, angles = constraints.aligned(arm.tree)
-    if angles:
-        off = ", ".join(f"{joint} {angle:.2g} rad" for joint, angle in angles.items())
-        note(f"Axes in loops that are nearly parallel count as parallel ({off} off), as loops move only then.")
+    tree, moved, drawn = constraints.aligned(arm.tree)
+    if moved:
+        note(
+            f"Axes in loops that are nearly parallel count as parallel ({', '.join(moved)} off): loops move only then."
+        )
+    if drawn:
+        note(
+            f"Axes in loops that are not quite parallel are taken as drawn ({', '.join(drawn)} off): such loops hardly "
+            "move, or have other base parameters. Where parallel ones are meant, give them the same axis."
+        )
+    if names := [row.name for row in constraints.rows]:
+        joints = ", ".join(constraints.coupled(tree))
+        note(f"By the constraints {', '.join(names)} of {joints}, joints without a column follow from the others.")
     return replace(arm, tree=tree, constraints=constraints.checked(tree))
 
 

@@ -14,8 +14,8 @@ from numpy.polynomial import Chebyshev, Polynomial
 from scipy.spatial.transform import Rotation
 
 from ident.errors import ModelError
+from ident.files.table import FAR
 from ident.geometry import se3
-from sim.models.xml_files import LARGEST
 
 
 def model_element(path: Path, root: ET.Element) -> ET.Element:
@@ -73,7 +73,7 @@ def numbers(element: ET.Element, tag: str, size: int | None = None, default: str
         values = np.array((stated or "").split(), float)
     except ValueError:
         values = np.array([np.nan])
-    if stated is None or not (abs(values) < LARGEST).all() or (size is not None and len(values) != size):
+    if stated is None or not (abs(values) < FAR).all() or (size is not None and len(values) != size):
         expected = "finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
         raise ModelError(f"{label(element)} needs {expected} in <{tag}>, got '{(stated or '')[:60]}'.")
     return values

@@ -183,9 +183,8 @@ USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
-WELD = "WeldConstraint"
-CLOSING = "PointConstraint", WELD
-"""Tags of constraints that close loops."""
+CLOSING = {"PointConstraint": False, "WeldConstraint": True}
+"""Tags of constraints that close loops, True for those that hold frames together, not points."""
 
 
 @dataclass(frozen=True)
@@ -337,5 +336,5 @@ def point_constraints(model: ET.Element, frames: Frames, ignore: Collection[str]
             pose = place.pose @ offset(element, f"location_body_{k}", f"orientation_body_{k}")
             bodies.append(place.body)
             poses.append(tuple(pose.ravel().tolist()))
-        out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), element.tag == WELD))
+        out.append(Coincidence(str(element.get("name")), tuple(bodies), tuple(poses), CLOSING[element.tag]))
     return out

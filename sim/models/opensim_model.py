@@ -25,6 +25,7 @@ from sim.models.opensim_elements import (
     number,
     numbers,
     offset,
+    socket,
     text,
 )
 from sim.models.opensim_joints import Link, links_in_order, point_constraints
@@ -113,8 +114,6 @@ def mechanism_from_opensim(
         read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
         posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
         constraints = Constraints(tuple(point_constraints(model, frames, ignore)), posture).within(tree)
-        if closing := [row.name for row in constraints.rows]:
-            note(f"By {', '.join(closing)}, joints without a column follow from the others.")
         return replace(constrained(read, constraints), centre_std=OF_PEOPLE).rested()
 
 
@@ -189,17 +188,14 @@ def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
 
 def _displace(path: Path, link: Link, shift: np.ndarray) -> None:
     """Displaces a joint in the frame of the body that it is on."""
-    frame = text(link.joint, "socket_parent_frame").rpartition("/")[2]
-    offsets = [each for each in link.joint.iterfind("frames/PhysicalOffsetFrame") if each.get("name") == frame]
-    places = [(link.joint, "location_in_parent", "orientation_in_parent")]
-    for place in (*places, *((each, "translation", "orientation") for each in offsets)):
-        element, position, _ = place
-        if (stated := element.find(position)) is not None:
-            own = offset(*place)
-            _set(stated, own[:3, 3] + own[:3, :3] @ link.parent.pose[:3, :3].T @ shift)
-            return
-    body = link.child.body
-    raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
+    offsets = {each.get("name"): each for each in link.joint.iterfind("frames/PhysicalOffsetFrame")}
+    frame = offsets.get(socket(link.joint, "parent_frame").rpartition("/")[2], link.joint)
+    names = ("location_in_parent", "orientation_in_parent") if frame is link.joint else ("translation", "orientation")
+    if (stated := frame.find(names[0])) is None:
+        whose = f"the joint that carries '{link.child.body}'"
+        raise ModelError(f"{path}: {whose} has no offset frame of its own; add one on its parent.")
+    own = offset(frame, *names)
+    _set(stated, own[:3, 3] + own[:3, :3] @ link.parent.pose[:3, :3].T @ shift)
 
 
 def _state(body: ET.Element, phi: np.ndarray, *, short: bool) -> None:

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from ident.display.brief import listed
 from ident.errors import ModelError
+from ident.files.table import FAR
 from ident.geometry.inertia import symmetric
 from ident.mechanism.drives import Actuator
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 from sim.models.notes import note, refusals
-from sim.models.xml_files import LARGEST, parsed
+from sim.models.xml_files import parsed
 
 SINGLE = ("revolute", "continuous", "prismatic")
 """Types of joints with one coordinate, which alone mimic and are mimicked."""
@@ -42,7 +43,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     Raises:
         ModelError: One names no joint with one coordinate, itself, or another mimic joint, or a number is not finite.
     """
-    mimics, joints, astray = Mimics(), root.findall("joint"), dict[str, str]()
+    mimics, joints, astray = Mimics(), root.findall("joint"), list[str]()
     names = {joint.get("name", "") for joint in joints}
     stated = {x.get("name", ""): x.findall("mimic") for x in joints if x.get("type") in SINGLE}
     leading = [name for name, own in stated.items() if not {each.get("joint") for each in own} & names]
@@ -52,7 +53,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     for name, own in stated.items():
         leads = [element.get("joint", "") for element in own]
         if len(own) == 1 and leads[0] and leads[0] not in names:
-            astray[name] = leads[0]
+            astray.append(f"'{name}' ('{leads[0]}')")
         elif len(own) > 1 or not {*leads} <= {*leading}:
             raise ModelError(
                 f"{path}: joint '{name}' has to mimic one joint that moves by itself, out of "
@@ -62,8 +63,7 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
         elif own:
             mimics[name] = leads[0], *_law(path, name, own[0])
     if astray:
-        each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
-        note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
+        note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {', '.join(astray)}.")
     return mimics
 
 
@@ -213,7 +213,7 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
             values = np.array(stated.split(), float)
         except ValueError:
             values = np.array([np.nan])
-        if not (abs(values) < LARGEST).all() or (element == "mass" and values[0] < 0):
+        if not (abs(values) < FAR).all() or (element == "mass" and values[0] < 0):
             raise ModelError(
                 f"{path}: link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is "
                 f"{stated}."

@@ -10,12 +10,7 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from ident.errors import InputError, ModelError, not_installed
-
-LARGEST = 1e100
-"""Upper limit of a model's numbers, so that products of them are finite."""
-
-SAME = 1e-12
-"""Relative difference that counts as rounding: a number, or one of a vector or a matrix, is kept."""
+from ident.tolerances import ROUNDING
 
 SUFFIX = ".xacro"
 """End of the names of xacro files, which are URDF files with macros."""
@@ -262,7 +257,7 @@ def restated(stated: str | None, numbers: Iterable[float], size: float | None = 
         size: Number relative to which a difference is rounding, by default the largest.
     """
     values = [float(x) for x in numbers]
-    near = SAME * (max(map(abs, values)) if size is None else size)
+    near = ROUNDING * (max(map(abs, values)) if size is None else size)
     words = (stated or "").split()
     if len(words) == len(values):
         pairs = zip(words, values, strict=True)

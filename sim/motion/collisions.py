@@ -331,18 +331,18 @@ def reachable(
         y = tree.dependent_states(q)[0]
         return bool(((y >= limits[:, 0] + room) & (y <= limits[:, 1] - room)).all() and tree.closes(q).all())
 
-    together = next((share for share in SHARES if holds(np.full((2, n), share))), None)
-    if together is None:
-        raise InputError(
-            f"The loops of {', '.join(tree.dependent)} do not close, or leave these joints' ranges, near the rest "
-            "position. Give a smaller range with --position, or correct the model's posture."
-        )
-    shares = np.full((2, n), together)
-    for side, k in np.ndindex(2, n):
-        for share in SHARES[together < SHARES]:
+    shares = np.zeros((2, n))
+    # Both sides of all joints together, and then each as far as the others allow.
+    for some in (np.s_[:, :], *np.ndindex(2, n)):
+        for share in SHARES:
             wider = shares.copy()
-            wider[side, k] = share
+            wider[some] = share
             if holds(wider):
                 shares = wider
                 break
+        if not shares.any():
+            raise InputError(
+                f"The loops of {', '.join(tree.dependent)} do not close, or leave these joints' ranges, near the rest "
+                "position. Give a smaller range with --position, or correct the model's posture."
+            )
     return center + shares[0] * (low - center), center + shares[1] * (high - center)

@@ -30,22 +30,12 @@ TEXTS = {
     "both.xml": ALONE.format('<joint name="s" type="slide" range="-1 1"/><joint name="b" type="ball"/>'),
     "endless.xml": ALONE.format('<joint name="j"/>'),
     "driven.xml": FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"),
-    "four_bar.xml": FOUR_BAR,
-    "truss.xml": FOUR_BAR.replace("<connect", "<weld"),
     "held.xml": SPATIAL.replace('axis="0.3 0.93 0.2"', 'type="ball"'),
     "empty.csv": "",
     "words.csv": "hello\n",
     "two.csv": "time,a\n1,2\n2,3\n",
-    "once.csv": "time,a,b\n1,2,3\n",
-    **{
-        f"{name}.csv": "time,a,b\n" + "".join(f"{time(k)},{k % 3},{k % 5}\n" for k in range(50))
-        for name, time in {
-            "back": lambda k: k % 20,
-            "hours": lambda k: f"12:00:{k:02}",
-            "hole": lambda k: k if k != 30 else "",
-            "stopped": lambda k: max(k - 40, 0),
-        }.items()
-    },
+    "hours.csv": "time,a,b\n" + "".join(f"12:00:{k:02},{k % 3},{k % 5}\n" for k in range(50)),
+    "back.csv": "time,a,b\n" + "".join(f"{k % 20},{k % 3},{k % 5}\n" for k in range(50)),
     "timeless.csv": "a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)),
     "file": "in the way",
     "nobody.toml": '[joints.nobody]\nposition = "q"\n',
@@ -58,12 +48,10 @@ TEXTS = {
     "unit.toml": 'unit = "m"',
     "groups.toml": '[scale]\ngroups = ["pelvis"]',
 }
-"""Models, files that are no logs, and places of markers."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder with all files that the commands are given."""
     out = tmp_path_factory.mktemp("bad")
     for name, text in TEXTS.items():
         (out / name).write_text(text, encoding="utf-8")
@@ -106,27 +94,20 @@ QUICK = "--starts 1 --iterations 5 --formats png"
 LOOPED = "--starts 2 --iterations 4 --seconds 3 --harmonics 3 --position -1 1 --formats none"
 PENDULUM = "identify pendulum.xml log.csv --base base"
 REFUSED = [
-    ("misaligned --tilt-deg -5", "from 0° to below 90°"),
     ("misaligned --tilt-deg 89.99999999", "perpendicular to the one it should resemble"),
     ("misaligned --azimuth-deg 1e308", "azimuth of at most 360°"),
     ("misaligned --trials 1", "2 to 1000000, or 0, got '1'"),
     ("misaligned --resume --samples 60", "--resume needs --trials"),
     ("misaligned --formats bmp", "invalid choice: 'bmp'"),
-    ("misaligned --samples 3", "3 samples does not separate the base parameters"),
     ("misaligned --samples 60 --out file", "needs to be a writable folder, got"),
     ("sweep pendulum --over samples 100", "invalid choice: 'pendulum'"),
     ("sweep multicontact --over samples 100 many", "sweep.values needs a whole number of at least 1, got many"),
     ("sweep multicontact --over noise_scale 1 1.0", "all different, got [1.0, 1.0]"),
-    (
-        "sweep multicontact --over samples 100 --resume",
-        "runs in out/multicontact/samples/runs.npz, but none is done",
-    ),
     ("study absent.toml", "misaligned, multicontact, several_contacts come with this package"),
     ("human --noise 40", "below 30 degrees, got 40"),
     ("human --activities sleeping", "sleeping"),
     ("human --resume", "belong to --persons"),
     ("human --from markers --noise 5", "(--noise) belongs to --from angles or correlated"),
-    ("identify pendulum.xml missing.csv --base base", "missing.csv"),
     ("identify missing.xml missing.csv", "file that exists, got 'missing.xml'"),
     ("identify pendulum.xml log.csv --base foot", "no body named 'foot'; its bodies are base, link1, link2"),
     (f"{PENDULUM} --estimator ordinary --cutoff 90", "from 0 to 50 Hz, half the sampling rate"),
@@ -138,7 +119,6 @@ REFUSED = [
     (f"{PENDULUM} --estimator weighted --write-geometry", "--write-geometry needs the trajectory estimate"),
     (f"{PENDULUM} --formats none svg", "'none' stands alone, got none svg"),
     ("identify pendulum.xml still.csv --base base", "parameters; it does not separate"),
-    (f"{PENDULUM} --held-out log.csv", "another one than the log"),
     (f"{PENDULUM} --name ../esc", "the name of one folder"),
     (f"{PENDULUM} --prior winter --mass 70", "--prior winter needs --mass, --height, --sex; --height, --sex is"),
     (f"{PENDULUM} --mass 70", "--mass belongs to a table of people, --prior winter, deleva, dumas."),
@@ -151,21 +131,16 @@ REFUSED = [
     (f"batch pendulum.xml {MANY} --base nobody", "nobody"),
     (f"batch pendulum.xml {MANY} --columns nobody.toml", "nobody.toml: [joints] has no entry 'nobody'"),
     (f"batch pendulum.xml {MANY} --held-out absent.csv", "absent.csv"),
-    (f"batch pendulum.xml {MANY} --own offset --resume", "Only the trajectory estimate"),
     (f"batch pendulum.xml {MANY} --gaps", "--gaps"),
     *((f"batch pendulum.xml log.csv {name}.csv", f"'{name}', but that is kept for the batch's own") for name in BATCH),
     ("compare loop.csv a", "loop.csv"),
     ("payload pendulum.xml log.csv --body link2", "either --sensor NAME, or --loaded LOG"),
-    ("payload pendulum.xml log.csv --body link2 --sensor wrist", "needs the wrench 'wrist', its wrenches are"),
     ("columns pendulum.xml missing.csv --base base", "there is no such file"),
     ("columns pendulum.xml empty.csv --base base", "the file is empty"),
     ("columns pendulum.xml words.csv --base base", "needs a table with two columns of numbers"),
     ("columns pendulum.xml timeless.csv --base base", "no column of it grows as times do"),
-    ("columns pendulum.xml once.csv --base base", "once.csv: a log needs at least 10 samples, it has 1."),
     ("columns pendulum.xml back.csv --base base", "as times do: row 22, column 'time' goes back in time; a log"),
     ("columns pendulum.xml hours.csv --base base", "do: row 2, column 'time' needs a number, got '12:00:00'; a log"),
-    ("columns pendulum.xml hole.csv --base base", "as times do: row 32, column 'time' is empty; a log"),
-    ("columns pendulum.xml stopped.csv --base base", "as times do: column 'time' repeats most of its times; a log"),
     ("columns pendulum.xml log.csv --base base --out log.csv --force", "is read; choose another by --out"),
     ("compare a a", "needs two or more different folders"),
     ("compare a absent", "needs to hold results of identify, but estimate.json: No such file or directory."),
@@ -180,8 +155,6 @@ REFUSED = [
     (f"excite fold.xml {QUICK} --position 1 -1", "a lower limit below the upper one, got 1 to -1 rad"),
     (f"excite fold.xml {QUICK} --position 4 5", "where the model allows -2.84838 to 2.84838"),
     (f"excite fold.xml {QUICK} --floor 0 --collisions ignore", "--floor belongs to --collisions avoid"),
-    (f"excite fold.xml {QUICK} --log absent.csv", "absent.csv"),
-    (f"excite fold.xml {QUICK} --fix elbow 0", "There is no joint 'elbow' to fix; the joints are lift, fold."),
     (f"excite fold.xml {QUICK} --joints fold --position 2.9 3.0", "come closer than 0.005 m"),
     (f"excite overlapping.xml {QUICK}", "found: 'column' and 'fore' come closer than"),
     (f"excite free.xml {QUICK} --floor 0", "--floor needs moving bodies with geoms that can collide"),
@@ -189,10 +162,13 @@ REFUSED = [
     (f"excite both.xml {QUICK} --joints b", "Joint 'b' is neither hinge nor slide; the joints to choose from are s."),
     (f"excite endless.xml {QUICK}", "Joint 'j' has no range in the model; give one with --position LOW"),
     (f"excite arm {QUICK} --drive auto", "contains no drives: --drive needs --sensors torque"),
-    (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints."),
+    (f"excite driven.xml {LOOPED} --joints rod", "loops make it depend on crank. Name crank with --joints, or"),
     (f"excite four_bar.xml {LOOPED} --joints crank rocker", "cannot be excited: loops make it depend on"),
     (f"excite held.xml {LOOPED} --joints crank", "loops hold it while rod rests. Name"),
-    (f"excite truss.xml {LOOPED}", "loops leave crank, rod, rocker no motion. If one is wrong, leave it out with --ig"),
+    (
+        f"excite truss.xml {LOOPED}",
+        "Loops leave crank, rod, rocker no motion. Align axes that are meant to be parallel",
+    ),
     ("excite nope", "A model is one of double_pendulum, bowing, humanoid, arm, or an MJCF, URDF or OpenSim file"),
     ("angles endless.xml walk.trc", "No marker has a site of its name: the markers are"),
     ("angles person.xml walk.trc --places nose.toml", "The file has no marker 'NOSE'"),
@@ -207,7 +183,6 @@ REFUSED = [
     ("angles person.xml walk.trc --fix left_knee 1 2", "--fix left_knee needs 1 coordinates, got 2"),
     ("angles person.xml walk.trc --wrenches two.csv", "no wrench is in this file"),
 ]
-"""Commands and a part of the sentence."""
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")

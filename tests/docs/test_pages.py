@@ -25,7 +25,6 @@ TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
 
 
 def blocks(language):
-    """Code of the pages in one language, by page."""
     codes_of = {name: re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL) for name, text in TEXTS.items()}
     return {name: codes for name, codes in codes_of.items() if codes}
 
@@ -53,7 +52,6 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
         sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
     reads_figures = page == "tables_and_figures.md"
     if reads_figures:
-        # It reads the data of figures.
         monkeypatch.setattr(figures, "drawn", not_drawn)
         use_truth(monkeypatch)
         assert misaligned.main(["--samples", "60"]) == 0
@@ -121,7 +119,6 @@ def test_what_the_pages_name_exists():
 
 
 def resolves(dotted):
-    """True if a name is that of a module or of something in one."""
     try:
         pkgutil.resolve_name(dotted)
     except (ImportError, AttributeError):
@@ -169,13 +166,11 @@ def test_one_version_everywhere():
 
 @pytest.mark.extras
 def test_the_notebook_runs_and_shows_tables_figures_and_a_link(tmp_path):
-    """Executed as Jupyter does."""
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     for needed in ("ipykernel", "pandas"):
         pytest.importorskip(needed)
     notebook = nbformat.read(ROOT / "docs/notebooks/estimate.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)
-    # Everything is reachable by one import.
     imports = re.findall(r"^(?:import|from) (\w+)", "\n".join(cell.source for cell in notebook.cells), re.MULTILINE)
     assert {*imports} <= {"multicontact", "pathlib"}
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()

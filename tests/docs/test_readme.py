@@ -51,26 +51,22 @@ def assert_shown(printed, exact, atol):
     np.testing.assert_allclose(np.array(printed, float), np.array(exact, float), atol=atol)
 
 
-@pytest.mark.parametrize(
-    ("name", "table", "study", "options"),
-    [
-        ("table 3", blocks.table_3, "misaligned", {"seed": 0}),
-        ("table 4", blocks.table_4, "multicontact", {"contact": "pad"}),
-    ],
-)
-def test_tables_are_not_stale(name, table, study, options):
-    printed, current = cells(block("study.md", name)), table(packaged_study(study, **options))
-    fresh = cells(current.markdown())
-    assert [row[0] for row in printed] == [row[0] for row in fresh] and printed[0] == fresh[0]
-    assert_shown([row[1:] for row in printed[2:15]], [row[1:] for row in current.rows], 0.0051)
-
-
-@pytest.mark.parametrize(("name", "table"), [("tilts", "table_tilts"), ("wrench errors", "table_wrench_errors")])
-def test_tables_of_the_study_are_not_stale(name, table):
-    printed, fresh = cells(block("study.md", name)), study_report.table(packaged_study("misaligned", seed=0), table)
-    # Title, heads and their rule, before the rows with names and perhaps units.
-    assert printed[:4] == cells(fresh.markdown())[:4]
-    assert_shown([row[1 - len(fresh.columns) :] for row in printed[4:]], [row[1:] for row in fresh.rows], 5.1e-4)
+def test_tables_are_not_stale():
+    misaligned, multicontact = packaged_study("misaligned", seed=0), packaged_study("multicontact", contact="pad")
+    for name, current in {"table 3": blocks.table_3(misaligned), "table 4": blocks.table_4(multicontact)}.items():
+        printed, fresh = cells(block("study.md", name)), cells(current.markdown())
+        assert [row[0] for row in printed] == [row[0] for row in fresh] and printed[0] == fresh[0]
+        assert_shown([row[1:] for row in printed[2:15]], [row[1:] for row in current.rows], 0.0051)
+    for name in ("tilts", "wrench errors"):
+        printed, current = (
+            cells(block("study.md", name)),
+            study_report.table(misaligned, f"table_{name.replace(' ', '_')}"),
+        )
+        # Title, heads and their rule, before the rows with names and perhaps units.
+        assert printed[:4] == cells(current.markdown())[:4]
+        assert_shown(
+            [row[1 - len(current.columns) :] for row in printed[4:]], [row[1:] for row in current.rows], 5.1e-4
+        )
 
 
 def test_numbers_of_both_studies_are_not_stale():
@@ -130,19 +126,19 @@ def test_pages_show_the_run_on_record(shown):
             assert f"<!-- {name} -->\n{content}<!-- end {name} -->" in text, (page, name)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):
     numbers, summary, record = json.loads(page(blocks.VALIDATION)), "results/validate/summary.json", tmp_path / "docs"
-    for name in ("docs/validation.md", "README.md", "paper.md", summary):
+    for name in ("docs/validation.md", "README.md", "paper.md"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        if name != summary:
-            shutil.copy(ROOT / name, tmp_path / name)
+        shutil.copy(ROOT / name, tmp_path / name)
+    (tmp_path / summary).parent.mkdir(parents=True)
     blocks.write_record(record / blocks.VALIDATION, numbers)
     assert blocks.validated_numbers(tmp_path) == numbers
     changed = {**numbers, "recordings": {name: {**x, "seconds": 1.0} for name, x in numbers["recordings"].items()}}
     (tmp_path / summary).write_text(json.dumps(changed), encoding="utf-8")
     blocks.write_validation(tmp_path, blocks.validated_numbers(tmp_path))
-    assert entries_of(record / blocks.VALIDATION) == changed
-    assert (record / "validation.svg").read_bytes().startswith(b"<?xml")
+    assert entries_of(record / blocks.VALIDATION) == changed and (record / "validation.svg").exists()
     del changed["recordings"]["walker"]
     (tmp_path / summary).write_text(json.dumps(changed), encoding="utf-8")
     with pytest.raises(InputError, match="has no walker: run it on all"):

@@ -3,10 +3,7 @@
 import csv
 import io
 import re
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -14,40 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 from recorded_faults import PENDULUM, faulty, shortened
 
-import experiments
 import ident
 from experiments.document import figures, pictures
 from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
 from ident.display.plots import few_decades
-
-ROOT = Path(experiments.__file__).parents[1]
-
-
-def run(code, *options):
-    """Runs code in a process of its own."""
-    subprocess.run([sys.executable, "-c", code, *options], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-
-
-def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
-    """Figures that are not asked for cost nothing; the page has its pictures and no section of figures."""
-    log = ["scenes/arm.xml", "scenes/arm.csv", "--estimator", "ordinary", "--name", "arm"]
-    code = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
-    run(code, *log, "--formats", "none", "--out", str(tmp_path))
-    page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
-    assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
-    assert page.count('<svg class="picture"') == 3 and "<img" not in page
-
-
-HELP = """
-from contextlib import suppress
-from experiments import identify
-with suppress(SystemExit):
-    identify.main(["--help"])
-"""
-
-
-def test_help_imports_no_library():
-    run(f"{HELP}\nimport sys; assert not {{'matplotlib', 'jinja2', 'tqdm', 'scipy', 'mujoco'}} & set(sys.modules)")
 
 
 def drawing(extension, x, y):
@@ -105,18 +72,13 @@ def test_data_are_the_numbers_that_artists_draw(mark):
     assert {(row["mark"], row["x_axis"]) for row in rows} == {(mark, "m2rz2 (kg m)")}
     words = {"1.0": "'=a", "2.0": "b", "3.0": "c"}
     assert [row.get("y_category", "") for row in rows] == [words.get(row["y"], "") for row in rows]
-
-
-@pytest.mark.parametrize("draw", [lambda ax: ax.imshow(np.eye(2)), lambda ax: ax.fill_between([0, 1, 2], [0, 1, 0])])
-def test_artists_that_cannot_be_read_are_named(draw):
-    figure = Figure()
-    artist = draw(figure.subplots())
-    with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
-        figures.csv_text(figure)
+    for artist in (ax.fill_between([0, 1, 2], [0, 1, 0]), ax.imshow(np.eye(2))):
+        with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
+            figures.csv_text(ax.figure)
+        artist.remove()
 
 
 def places(picture, shape, attribute):
-    """Values of an attribute of the shapes of a class."""
     return [float(x) for x in re.findall(rf'<\w+ class="{shape}"[^>]*? {attribute}="([^"]*)"', picture)]
 
 
@@ -134,34 +96,31 @@ def test_a_ring_is_around_the_best_candidate_of_each_channel(most, ticks):
 
 def test_labels_of_names_that_begin_or_end_alike_differ():
     """A shoulder's two joints were one label, as both were cut after ten letters."""
-    for names, labels in (
-        (["shoulder_pan_joint", "shoulder_lift_joint"], ["shoulder pan", "shoulder lift"]),
-        (["left_upper_forearm", "left_lower_forearm"], ["left upper", "left lower"]),
-        (["knee_joint"], ["knee joint"]),
-        (["Fx", "Fy"], ["Fx", "Fy"]),
-    ):
-        assert pictures.labels_of(names) == labels
+    for name, label in {
+        "shoulder_pan_joint, shoulder_lift_joint": "shoulder pan, shoulder lift",
+        "left_upper_forearm, left_lower_forearm": "left upper, left lower",
+        "knee_joint": "knee joint",
+        "Fx, Fy": "Fx, Fy",
+    }.items():
+        assert pictures.labels_of(name.split(", ")) == label.split(", ")
     labels = pictures.labels_of(["right_upper_arm_roll", "right_upper_arm_pitch"])
     assert len(set(labels)) == 2 and max(map(len, labels)) <= 16
 
 
 def test_one_candidate_has_no_ring_and_columns_and_ends_of_curves_have_their_numbers():
+    small = r'<text class="small"[^>]*>([^<]*)<'
     drawn = pictures.candidates(["Fx"], {"estimate": np.array([0.1])})
     assert ">best<" not in drawn and not places(drawn, "best", "cx") and drawn.count("v-4") == 16
     each = [pictures.Interval(name, k, 1.0, 0.1, 0.05, None) for k, name in ((0, "m1"), (4, "Ixx1"), (10, "Fc(a)"))]
     drawn = pictures.parameters({"arm": each}, (1, 2, 3), 3)
-    assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn)[4:] == ["xx", "yy", "zz", "xy", "xz", "yz", "Fc"]
+    assert re.findall(small, drawn)[4:] == ["xx", "yy", "zz", "xy", "xz", "yz", "Fc"]
     drawn = pictures.curves(np.arange(3.0), {"worst": (np.array([0.0, 111.2, 1.0]), np.array([0.0, -49.4, 1.0]))})
-    assert re.findall(r'<text class="small"[^>]*>([^<]*)<', drawn) == ["111", "\N{MINUS SIGN}49.4"]
+    assert re.findall(small, drawn) == ["111", "\N{MINUS SIGN}49.4"]
 
 
 @pytest.fixture(scope="module")
 def estimate():
     return ident.identify(PENDULUM, shortened(faulty(1), 300))
-
-
-def labels(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
@@ -173,25 +132,23 @@ def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
     size = np.max([abs(estimate.psi), abs(prior), 1.96 * estimate.std_setup], axis=0)
     np.testing.assert_allclose(half, 1.96 * estimate.std_setup / size, rtol=1e-3)
     assert axes.get_xlabel() == "Value over the largest of estimate, model and half-width"
-    assert labels(figure) == ["Model", "Estimate, 95 % with set-up"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["Model", "Estimate, 95 % with set-up"]
 
 
-def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
-    assert labels(held_out_figure(estimate)) == ["Measured", "Predicted"]
-    resting = np.zeros(estimate.held_out.residual.shape, bool)
-    resting[:40, 3] = True
-    slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
-    figure = held_out_figure(slow)
-    assert labels(figure) == ["Measured", "Predicted", "Low velocity, not judged"]
-    assert "not judged" in held_out_caption(slow) and "not judged" not in held_out_caption(estimate)
+def test_grey_spans_can_be_seen_are_one_where_they_nearly_touch_and_stand_in_the_legend(estimate):
+    def drawn(samples, channel):
+        resting = np.zeros(estimate.held_out.residual.shape, bool)
+        resting[samples, channel] = True
+        slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
+        figure = held_out_figure(slow)
+        return slow, figure, [text.get_text() for text in figure.legends[0].get_texts()]
+
+    assert drawn([], 0)[2] == ["Measured", "Predicted"] and "not judged" not in held_out_caption(estimate)
+    slow, figure, legend = drawn(range(40), 3)
+    assert legend == ["Measured", "Predicted", "Low velocity, not judged"] and "not judged" in held_out_caption(slow)
     assert sum(len(axes.collections) for axes in figure.axes) == 1
-
-
-def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
-    time, mask = estimate.held_out.time, np.zeros(estimate.held_out.residual.shape, bool)
     # One sample alone, and three that are closer together than a line's width.
-    mask[[20, 60, 62, 64], 0] = True
-    first = held_out_figure(replace(estimate, held_out=replace(estimate.held_out, resting=mask))).axes[0]
+    first, time = drawn([20, 60, 62, 64], 0)[1].axes[0], estimate.held_out.time
     edges = np.array([path.get_extents().intervalx for path in first.collections[0].get_paths()])
     assert len(edges) == 2 and (np.diff(edges) >= 0.999 * 0.012 * np.ptp(time)).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)

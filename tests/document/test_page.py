@@ -29,8 +29,6 @@ EVIL = [
 
 
 class Cells(HTMLParser):
-    """Texts of the cells and the caption of a table, and all tags."""
-
     def __init__(self):
         super().__init__()
         self.rows, self.tags, self.caption, self._into = [], [], "", None
@@ -54,7 +52,6 @@ class Cells(HTMLParser):
 
 
 def read(table, folder):
-    """Cells that a page shows of a table."""
     bars = {key: [pictures.Interval(EVIL[2], 0, 1.0, 0.1, 0.1, None)] for key in EVIL}
     drawn = [
         pictures.candidates(EVIL, {"estimate": np.full(len(EVIL), 0.1)}),
@@ -104,12 +101,6 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert alone.groups() == [("", "N", [0]), ("", "N m", [1])] and read(alone, tmp_path).rows[0] == ["channel", "x"]
 
 
-def test_errors_stand_beside_the_papers():
-    table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
-    assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
-    assert index.compared(table).columns[:4] == table.columns
-
-
 def test_the_papers_columns_stand_alone_beside_ours():
     columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
     table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
@@ -117,6 +108,10 @@ def test_the_papers_columns_stand_alone_beside_ours():
     assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
     assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
     assert shown.texts()[0][3:] == ["0.1", "0.1"]
+    full = Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None)))
+    compared = index.compared(full)
+    assert compared.columns[3:] == ("deviation_full",) and [row[3] for row in compared.rows] == [2.0, None]
+    assert index.compared(compared).columns[:4] == compared.columns
 
 
 def test_numbers_and_options_to_copy_are_as_typed():

@@ -118,8 +118,8 @@ def test_memory_is_flat(monkeypatch):
         tracemalloc.stop()
         return most / 1e6
 
-    long = moved_by(1.0, 20 * CHUNK)
-    few, many = (peak(fitted, STRAIGHT, each) for each in (long[: 6 * CHUNK], long))
+    long = moved_by(1.0, 40 * CHUNK)
+    few, many = (peak(fitted, STRAIGHT, each) for each in (long[: 12 * CHUNK], long))
     assert many < 1.1 * few < 10
     assert peak(fitted, STRAIGHT, (moved_by(1.0, CHUNK, seed=k) for k in range(20))) < 10
     monkeypatch.setattr("ident.regression.ordinary.PIECE", 2 * CHUNK)

@@ -96,9 +96,8 @@ RECORDINGS = {
 }
 
 
-@pytest.mark.parametrize("estimator", ["weighted", "trajectory"])
 @pytest.mark.parametrize("of", RECORDINGS)
-def test_numbers_that_no_sensor_reads_are_one_sentence(of, estimator):
+def test_numbers_that_no_sensor_reads_are_one_sentence(of):
     arm, recording, own = RECORDINGS[of]
     huge = r"^channel '\w+' needs numbers below 1e\+08, sample \d+ has "
     for ends, factor, message in (
@@ -109,7 +108,7 @@ def test_numbers_that_no_sensor_reads_are_one_sentence(of, estimator):
         measured = {name: x * factor if name.endswith(ends) else x for name, x in recording.measured.items()}
         changed = replace(recording, measured=measured, true={}, noise={}, streams={})
         with pytest.raises(ident.InputError, match=message):
-            ident.identify(arm, changed, estimator=estimator, cutoff=8.0 if estimator == "weighted" else None)
+            ident.identify(arm, changed)
 
 
 def test_streams_are_in_range_too():
@@ -119,8 +118,7 @@ def test_streams_are_in_range_too():
     with pytest.raises(ident.InputError, match=r"'bend_torque' needs numbers below 1e\+08, sample 7 has 1e\+160"):
         ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": late}))
     tiny = (recording.time, 1e-200 * recording["bend_torque"])
-    estimate = ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": tiny}), known=True)
-    assert "bend" not in estimate.channels and np.isfinite(estimate.std).all()
+    assert "bend" not in prepared(arm, ident.Recording.from_streams(streams | {"bend_torque": tiny})).equations.channels
 
 
 def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():

@@ -1,7 +1,5 @@
 """Each format damaged in ten ways and more: always one sentence, and never another error."""
 
-import re
-
 import numpy as np
 import pytest
 from commands import sentence_of
@@ -18,6 +16,7 @@ pytestmark = pytest.mark.extras
 EXTRAS = {"parquet": ("pyarrow", "parquet"), "c3d": ("ezc3d", "c3d")}
 EXTRAS |= dict.fromkeys(("bag", "mcap", "db3"), ("rosbags", "ros"))
 KINDS = ("mot", "trc", "mat", "parquet", "csv.gz", "c3d", "bag", "mcap", "db3")
+DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
 MARKERS = {joint: np.stack([Q[:, k], 0 * T, 0 * T], axis=1) for k, joint in enumerate(JOINTS)}
 STATES = {joint: [(x, 0, 0) for x in Q[:, k]] for k, joint in enumerate(JOINTS)}
 
@@ -53,40 +52,19 @@ def refusal(path, mapping=None):
     return sentence
 
 
-WAYS = {
-    "empty": lambda data: b"",
-    "garbage": lambda data: bytes(np.random.default_rng(0).integers(256, size=4096, dtype=np.uint8)),
-    "zeros": lambda data: bytes(len(data)),
-    "half": lambda data: data[: len(data) // 2],
-    "its first bytes": lambda data: data[:60],
-    "without its beginning": lambda data: data[100:],
-    "another format": lambda data: b"PK\x03\x04" + bytes(300) + data[304:],
-    "a text": lambda data: b"This is no log.\n" * 40,
-    "a hole": lambda data: data[: len(data) // 3] + data[len(data) // 3 + 700 :],
-    "shifted": lambda data: data[:30] + b"\xff\xfe\x00" + data[30:],
-}
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_are_one_sentence(tmp_path, kind):
+def test_damaged_files_are_one_sentence_and_any_file_is_read_or_refused(tmp_path, kind):
     path = tmp_path / f"log.{kind}"
     whole = write(path)
-    for way in WAYS.values():
-        path.write_bytes(way(whole))
+    third, noise = len(whole) // 3, np.random.default_rng(0).integers(256, size=4096, dtype=np.uint8)
+    parts = whole[:third], whole[:60], whole[100:], whole[:third] + whole[third + 700 :]
+    others = b"", bytes(noise), bytes(len(whole)), b"PK\x03\x04" + bytes(300) + whole[304:], b"This is no log.\n" * 40
+    for damaged in (*parts, *others, whole[:30] + b"\xff\xfe\x00" + whole[30:]):
+        path.write_bytes(damaged)
         refusal(path)
         assert path.exists()
 
-
-DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
-FIXED = {"derandomize": True, "deadline": None, "database": None}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_any_file_is_read_or_refused(tmp_path, kind):
-    path = tmp_path / f"log.{kind}"
-    whole = write(path)
-
-    @settings(max_examples=20, **FIXED)
+    @settings(max_examples=20, derandomize=True, deadline=None, database=None)
     @given(damages=DAMAGES)
     def read_or_refused(damages):
         data = bytearray(whole)
@@ -106,23 +84,13 @@ def changed(old, new):
     return lambda text: text.replace(old, new, 1)
 
 
-MOT = [
+TEXTS = [
     ("log.mot", changed("endheader\n", ""), "needs a line 'endheader' before its table; there is none"),
     ("log.mot", changed("nRows=40", "nRows=41"), "promises 41 rows (nrows), the table has 40"),
     ("log.mot", changed("nColumns=3", "nColumns=2"), "promises 2 columns (ncolumns), the table has 3"),
-    ("log.mot", changed("nRows=40", "nRows=many"), "promises many rows"),
     ("log.mot", changed("inDegrees=yes", "inDegrees=maybe"), "inDegrees needs to be yes or no, got 'maybe'"),
     ("log.mot", lambda text: text[: text.index("time\t")], "the file is empty"),
     ("log.mot", lambda text: text[: text.index("0.0\t")], "the file has no rows after its header"),
-]
-
-
-def sixth(x, y):
-    """The first marker at another place in the sixth frame."""
-    return lambda text: re.sub(r"(\n6\t0\.05\t)[^\t]*\t[^\t]*", rf"\g<1>{x}\t{y}", text)
-
-
-TRC = [
     ("log.trc", changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
     ("log.trc", changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
     ("log.trc", changed("\tmm", "\tft"), "need to be one of m, cm, mm, meters, centimeters, millimeters; got ft"),
@@ -134,14 +102,12 @@ TRC = [
     ("log.trc", changed("\t0.05\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
     ("log.trc", changed("Frame#", "Image"), "row 4 of a .trc file begins with Frame# and Time, got 'Image'"),
     ("log.trc", changed("\t0.05\t", "\tinf\t"), "row 12 needs finite numbers, got 'inf'"),
-    ("log.trc", sixth("1", ""), "frame 6: marker 'ankle' has some of x, y and z only"),
-    ("log.trc", sixth("9e30", "0"), "frame 6: marker 'ankle' needs positions below"),
     ("log.trc", changed("\t0.05\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
     ("log.trc", changed("\t0.05\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
 ]
 
 
-@pytest.mark.parametrize(("name", "damage", "message"), [*MOT, *TRC])
+@pytest.mark.parametrize(("name", "damage", "message"), TEXTS)
 def test_damaged_texts(tmp_path, name, damage, message):
     path = tmp_path / name
     write(path)
@@ -172,15 +138,11 @@ def test_c3d_files_that_are_refused(tmp_path):
     ezc3d = needs("c3d")
     path, mapping = tmp_path / "log.c3d", {"joints": {joint: {"position": f"{joint}.x"} for joint in JOINTS}}
     plate = mapping | {"wrenches": {"ground": {"force": [f"plate1_force.{axis}" for axis in "xyz"]}}}
-    for group, entry, value, columns, message in (
-        ("POINT", "LABELS", ["hip", "hip"], mapping, "markers need different labels, 'hip' is given to more than one"),
-        ("FORCE_PLATFORM", "TYPE", np.array([99]), plate, "force is mapped to column 'plate1_force.x', but the file"),
-    ):
-        write(path)
-        file = ezc3d.c3d(str(path))
-        file["parameters"][group][entry]["value"] = value
-        file.write(str(path))
-        assert message in refusal(path, columns)
+    write(path)
+    file = ezc3d.c3d(str(path))
+    file["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"] = np.array([99])
+    file.write(str(path))
+    assert "force is mapped to column 'plate1_force.x', but the file" in refusal(path, plate)
     write_c3d(path, 100.0, {joint: np.full((N, 3), np.nan) for joint in JOINTS}, None, JOINTS)
     assert "column 'ankle.x' is empty, but joints.ankle.position needs it" in refusal(path, mapping)
     data = path.read_bytes()

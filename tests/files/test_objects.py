@@ -4,13 +4,12 @@ import json
 import pickle
 import zipfile
 
-import driven_arm
 import numpy as np
 import pytest
+from commands import sentence_of
 from driven_arm import jointly, quick
 
 import ident
-import sim
 from ident import InputError
 from ident.files.atomic import load_object
 
@@ -21,24 +20,12 @@ def test_an_estimate_read_back_answers_the_same(tmp_path, make):
     estimate.save(tmp_path / "arm.npz")
     again = ident.Estimate.load(tmp_path / "arm.npz")
     assert str(again) == str(estimate) and again.to_dict() == estimate.to_dict()
-    for answer in (
-        lambda x: x.psi,
-        lambda x: x.covariance_setup,
-        lambda x: x.consistent().phi,
-        lambda x: x.predict(motion),
-    ):
-        np.testing.assert_array_equal(answer(again), answer(estimate))
+    answers = ((x.psi, x.covariance_setup, x.consistent().phi, x.predict(motion)) for x in (again, estimate))
+    for own, expected in zip(*answers, strict=True):
+        np.testing.assert_array_equal(own, expected)
     assert again.compare(estimate).p_value == pytest.approx(1)
     assert again.prepared.mechanism.source is None and again.drives_updated == estimate.drives_updated
     assert [path.name for path in tmp_path.iterdir()] == ["arm.npz"]
-
-
-def test_the_model_is_written_with_the_mechanism_of_its_file(tmp_path):
-    (tmp_path / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
-    quick().save(tmp_path / "arm.npz")
-    again = ident.Estimate.load(tmp_path / "arm.npz")
-    sim.write_model(tmp_path / "new.xml", sim.mechanism(tmp_path / "arm.xml"), again.consistent(), again.drives_updated)
-    np.testing.assert_allclose(sim.mechanism(tmp_path / "new.xml").known, again.consistent().phi, rtol=1e-9, atol=1e-12)
 
 
 def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
@@ -56,9 +43,7 @@ def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
 
     for entry, message in (
         (["data", name, {**own, "more": 0}], "Fit has other fields in this version"),
-        (["data", "os:system", own], "it holds 'os:system'"),
-        (["data", "ident.files.atomic:json", own], "it holds 'ident.files.atomic:json'"),
-        (["data", "ident.files.atomic:_class", own], "it holds 'ident.files.atomic:_class'"),
+        *((["data", name, own], f"it holds '{name}'") for name in ("os:system", "ident.files.atomic:json")),
         (["enum", "subprocess:Popen", "x"], "it holds 'subprocess:Popen'"),
         (["tuple", [at]], "recursion"),
         (["array", "none"], "none"),
@@ -66,19 +51,14 @@ def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
     ):
         with pytest.raises(InputError, match=rf"arm.npz is no saved estimate that this version can read \(.*{message}"):
             load(objects=[*content["objects"][:at], entry, *content["objects"][at + 1 :]])
-    with pytest.raises(InputError, match=r"arm.npz holds a saved payload; needed is a saved estimate"):
-        load(kind="payload")
+    assert "arm.npz holds a saved payload; needed is a saved estimate" in sentence_of(load, kind="payload")
 
 
 def test_what_is_no_saved_estimate_is_one_sentence(tmp_path):
     path = tmp_path / "arm.npz"
-    with pytest.raises(InputError, match=r"arm.npz cannot be read \(No such file"):
-        ident.Estimate.load(path)
+    assert "arm.npz cannot be read (No such file" in sentence_of(ident.Estimate.load, path)
     path.write_bytes(pickle.dumps({}))
     with pytest.raises(InputError, match=r"arm.npz is no saved estimate that this version can read \(.*[^.]\)\.$"):
-        ident.Estimate.load(path)
-    driven_arm.log(6.0, 50.0).save(path)
-    with pytest.raises(InputError, match=r"arm.npz is no saved estimate that this version can read"):
         ident.Estimate.load(path)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("objects.npy", bytes(10_000_000))

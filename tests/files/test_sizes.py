@@ -9,17 +9,24 @@ import zipfile
 
 import numpy as np
 import pytest
-from commands import refusal
+from commands import refusal, sentence_of
 from pages import PENDULUM
 from written_formats import write_bag
 
 from experiments import identify
 from experiments.runs.workers import Checkpoint
-from ident import Body, Estimate, InputError, LogError, Mechanism, Recording, Tree, read_log
+from ident import Body, Estimate, InputError, Mechanism, Recording, Tree, read_log
 from ident.files import csv_file
-from ident.files.bag import largest_chunk
 from ident.files.parquet import size_of
 from ident.files.readers import read_clocks, read_tables
+
+ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
+READERS = {
+    "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
+    "recording": Recording.load,
+    "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
+    "estimate": Estimate.load,
+}
 
 
 def peak(path, limit=2_000_000, read=read_tables):
@@ -34,7 +41,7 @@ def peak(path, limit=2_000_000, read=read_tables):
     return out, most
 
 
-@pytest.mark.parametrize("text", [b"%s", b"# %s", b"time,q\n0,%s", b"nRows=1\n%s"])
+@pytest.mark.parametrize("text", [b"# %s", b"time,q\n0,%s"])
 @pytest.mark.parametrize("end", ["csv", "csv.gz", "mot", "trc"])
 def test_one_line_is_not_read_whole(tmp_path, monkeypatch, text, end):
     monkeypatch.setattr(csv_file, "LONGEST", 1000)
@@ -46,6 +53,12 @@ def test_one_line_is_not_read_whole(tmp_path, monkeypatch, text, end):
     assert most < 3_000_000
 
 
+def test_packed_rows_are_not_unpacked_above_the_limit(tmp_path):
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(b"time,q\n" + 200_000 * b"0.0,0.0\n"))
+    sentence, most = peak(tmp_path / "log.csv.gz", 500_000)
+    assert "MB in memory where at most 0 MB are expected" in sentence and most < 2_000_000
+
+
 @pytest.mark.parametrize("block", [3, 4096])
 def test_columns_are_the_same_however_they_are_read(tmp_path, monkeypatch, block):
     monkeypatch.setattr(csv_file, "BLOCK", block)
@@ -55,26 +68,18 @@ def test_columns_are_the_same_however_they_are_read(tmp_path, monkeypatch, block
     np.testing.assert_array_equal(table.column("q"), np.arange(10) / 8)
     gap = table.column("gap", gaps=True)
     assert np.flatnonzero(np.isnan(gap)).tolist() == [2, 5] and list(table.rows) == list(range(2, 12))
-    with pytest.raises(LogError, match="row 9, column 'note' needs a number, got 'x'"):
-        table.column("note")
+    assert "row 9, column 'note' needs a number, got 'x'" in sentence_of(table.column, "note")
 
 
-def lying(path, old, new):
-    """Replaces a count in the footer of a parquet file by another one."""
-
-    def thrift(number, length):
-        digits = [2 * number >> shift & 127 for shift in range(0, 7 * length, 7)]
-        return bytes([128 | each for each in digits[:-1]] + digits[-1:])
-
-    data = path.read_bytes()
-    at = len(data) - 8 - struct.unpack("<I", data[-8:-4])[0]
-    length = (2 * old).bit_length() // 7 + 1
-    path.write_bytes(data[:at] + data[at:].replace(thrift(old, length), thrift(new, length)))
+def thrift(number, length):
+    """An integer as in the footer of a parquet file."""
+    digits = [2 * number >> shift & 127 for shift in range(0, 7 * length, 7)]
+    return bytes([128 | each for each in digits[:-1]] + digits[-1:])
 
 
-@pytest.mark.parametrize("true", [True, False])
+@pytest.mark.parametrize("stated", [3_000_000, 10])
 @pytest.mark.parametrize("kind", ["list", "fixed", "numbers"])
-def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
+def test_values_of_parquet_count_as_their_pages_say_whatever_the_footer_states(tmp_path, kind, stated):
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
     from pyarrow import parquet
 
@@ -85,12 +90,12 @@ def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
     elif kind == "fixed":
         values = pyarrow.FixedSizeListArray.from_arrays(values, n)
     parquet.write_table(pyarrow.table({"x.y": values}), path, row_group_size=n)
-    assert path.stat().st_size < 20_000
-    if not true:
-        lying(path, n, 10)
+    data, length = path.read_bytes(), (2 * n).bit_length() // 7 + 1
+    at = len(data) - 8 - struct.unpack("<I", data[-8:-4])[0]
+    path.write_bytes(data[:at] + data[at:].replace(thrift(n, length), thrift(stated, length)))
     with path.open("rb") as stream:
         data = parquet.ParquetFile(stream).metadata
-        assert data.row_group(0).column(0).num_values == (n if true else 10)
+        assert data.row_group(0).column(0).num_values == stated
         assert min(size_of(stream, data, ["x.y"]), size_of(stream, data, ["x"])) >= 8 * n
         assert size_of(stream, data, ["y"]) == 0
     if kind != "list":
@@ -104,7 +109,6 @@ def test_chunks_of_bags_are_not_unpacked_above_the_limit(tmp_path, name):
     path = tmp_path / name
     write_bag(path, {"/x": (np.arange(20) / 100, np.zeros((20, 50_000)))}, packed=True)
     assert sum(file.stat().st_size for file in (path, *path.glob("*.mcap"))) < 100_000
-    assert largest_chunk(path) > 500_000
     sentence, most = peak(path, 400_000, read_clocks)
     assert "MB in memory where at most 0 MB" in sentence and most < 400_000
     (table,) = read_clocks(path, limit=50_000_000)
@@ -128,13 +132,10 @@ def with_header(text):
 
 HEADER = "{'descr': '<f8', 'fortran_order': False, 'shape': %s, }"
 FLOATS = HEADER % "(40,)"
+SHAPES = "(" * 3000, "(10000000000000000,)", "(4611686018427387904, 16)", "(0, 400000000)", "(-40,)"
 EVIL = [
     (with_header(HEADER % "(40,("), "Cannot parse header|EOF in multi-line"),
-    (with_header(HEADER % ("(" * 3000)), ""),
-    (with_header(HEADER % "(10000000000000000,)"), ""),
-    (with_header(HEADER % "(4611686018427387904, 16)"), ""),
-    (with_header(HEADER % "(0, 400000000)"), ""),
-    (with_header(HEADER % "(-40,)"), ""),
+    *((with_header(HEADER % shape), "") for shape in SHAPES),
     (with_header(FLOATS.replace("<f8", "<q9")), ""),
     (with_header(FLOATS + " " * 20_000), ""),
     (X[:-8], "reading array data, expected 320 bytes"),
@@ -144,7 +145,6 @@ EVIL = [
     (npy(np.array(["1"] * 40)), "holds <U1"),
     (npy(np.ones((40, 1, 1))), r"one or two dimensions, it holds float64 \(40, 1, 1\)"),
     (npy(np.array(1.0)), r"one or two dimensions, it holds float64 \(\)"),
-    (b"text", "magic string"),
     (b"", "magic string"),
     (X, "", zipfile.ZIP_LZMA),
     (X, "", zipfile.ZIP_BZIP2),
@@ -160,15 +160,6 @@ def archive(path, content, compression=zipfile.ZIP_STORED):
         for name in ("measured/elbow_position", "outcomes", "objects"):
             out.writestr(f"{name}.npy", content, compression)
     return path
-
-
-ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
-READERS = {
-    "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
-    "recording": Recording.load,
-    "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
-    "estimate": Estimate.load,
-}
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -196,8 +187,6 @@ def test_the_limit_is_raised_by_an_option(tmp_path, capsys):
     channels = {"time": np.arange(2000) / 100, "measured/wide": np.zeros((2000, 600))}
     np.savez_compressed(tmp_path / "wide.npz", metadata=json.dumps({}), **channels)
     given = [str(PENDULUM), str(tmp_path / "wide.npz"), "--out", str(tmp_path / "out")]
-    sentence = (
-        "takes 10 MB in memory where at most 9 MB are expected of it; if it may be so large, say so (--max-size)."
-    )
-    assert sentence in refusal(identify.main, [*given, "--max-size", "9"], capsys)
-    assert sentence[:20] not in refusal(identify.main, given, capsys)
+    message = refusal(identify.main, [*given, "--max-size", "9"], capsys)
+    assert "takes 10 MB in memory where at most 9 MB are expected of it; if it may be so large, say so" in message
+    assert "takes 10 MB in memory" not in refusal(identify.main, given, capsys)

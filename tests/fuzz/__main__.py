@@ -75,24 +75,23 @@ def runner(seed):
 
 def arguments_of(command, corpus, folder, rng):
     """Arguments of one case with one or two kinds of errors, whose files are written into its folder."""
-    kinds = ("model", "log", "log", "columns", "options") if command.files else ("options",)
+    kinds = ("model", "log", "log", "columns", "options")
     wrong = {any_of(rng, kinds) for _ in range(any_of(rng, (1, 1, 1, 2)))}
 
     def file(kind, name):
         """A copy of a file, damaged if it is to have an error; sometimes with a strange name then."""
         data, path = (corpus / name).read_bytes(), folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
         if kind in wrong:
             for _ in range(any_of(rng, (1, 1, 1, 2, 3))):
                 data = damaged(data, path.suffix, rng) or b" "
-            if rng.random() < 0.05 and not command.given:
+            if rng.random() < 0.05:
                 path = path.with_name(any_of(rng, [n for n in NAMES if not {*n} & {*"/\0"}])[:20] + path.suffix)
         path.write_bytes(data)
         return str(path)
 
     folder.mkdir()
     files = ["+".join(file(kind, each) for each in any_of(rng, names).split("+")) for kind, names in command.files]
-    given, chosen = [str(folder / each) for each in command.given] or files, {}
+    given, chosen = files.copy(), {}
     for option, values in command.right.items():
         needed = option in command.always or ("columns" in wrong and "@columns" in "".join(values))
         if needed or rng.random() < 0.15:

@@ -1,16 +1,14 @@
 """The commands that are fuzzed: their files, options with valid and invalid values, and the valid files."""
 
-import json
 from dataclasses import dataclass
 from types import ModuleType
 
-import numpy as np
 import wrist
 from marked import labels_of, trc, trial
 from written_formats import write_csv, write_mat, write_mot
 
 import scenes
-from experiments import angles, compare, excite, human, identify, payload
+from experiments import angles, identify, payload
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -26,7 +24,6 @@ class Command:
     right: Options
     wrong: Options
     always: tuple[str, ...] = ()
-    given: tuple[str, ...] = ()
 
 
 def _identify(name: str, *models: str, always: tuple[str, ...] = ()) -> Command:
@@ -55,18 +52,10 @@ def _identify(name: str, *models: str, always: tuple[str, ...] = ()) -> Command:
     return Command(identify, (("model", models), ("log", logs)), right, wrong, ("--base", *always))
 
 
-RESULTS = tuple(f"{folder}/{file}.json" for folder in "ab" for file in ("estimate", "provenance"))
 PLAIN = _identify("plain", "plain.xml", "arm.urdf")
 COMMANDS = (
     *3 * [PLAIN],
     _identify("pad", "pad.xml", always=("--columns",)),
-    Command(
-        compare,
-        tuple((kind, (name,)) for kind, name in zip(("log", "model", "columns", ""), RESULTS, strict=True)),
-        {"--formats": ("none",)},
-        {"--formats": ("3", "x")},
-        given=("a", "b"),
-    ),
     Command(
         angles,
         (("model", ("marked.xml",)), ("log", ("marked.trc",))),
@@ -82,24 +71,6 @@ COMMANDS = (
         | {"--holdout": ("0.4",), "--no-offsets": (), "--flange": ("link7",)},
         {"--body": ("link1", "x", "", "world"), "--sensor": ("x", ""), "--flange": ("x",), "--holdout": ("1", "nan")},
         ("--body", "--sensor", "--columns"),
-    ),
-    # Without an error it takes minutes.
-    Command(
-        human,
-        (),
-        {"--seconds": ("2",)},
-        {"--seconds": ("1", "1e9", "x"), "--rate": ("1", "nan"), "--noise": ("0", "-1", "nan", "30", "inf")}
-        | {"--activities": ("sleeping", "", "$"), "--from": ("films",), "--persons": ("0",), "--seed": ("-1", "x")},
-    ),
-    Command(
-        excite,
-        (("model", ("plain.xml", "arm.urdf", "pad.xml")),),
-        {"--starts": ("1",), "--iterations": ("2",), "--seconds": ("2",), "--base": ("base",)}
-        | {"--joints": ("joint1", "joint2"), "--criterion": ("determinant", "condition")}
-        | {"--sensors": ("torque",), "--collisions": ("ignore",)},
-        {"--base": ("x", "", "link2"), "--joints": ("x", ""), "--seconds": ("0", "1e-7", "1e7", "nan")}
-        | {"--velocity": ("1e-7", "1e7"), "--acceleration": ("0",), "--harmonics": ("1", "100"), "--noise": ("x",)},
-        ("--starts", "--iterations", "--seconds", "--base"),
     ),
 )
 """The commands, `identify` more often than others."""
@@ -161,35 +132,7 @@ def write_corpus(folder):
     for name, recording in recordings.items():
         for ending in ("csv", "npz"):
             recording.save(folder / f"{name}.{ending}")
-    _write_results(folder)
-    _write_markers(folder)
-
-
-def _write_results(folder):
-    """Writes two folders of results of `identify`."""
-    names = "m1", "m2rz2", "Ixx2"
-    for k, name in enumerate("ab"):
-        estimate = {
-            "verdict": "Usable",
-            "columns": [*names, "offset(Fx)"],
-            "values": [1.0 + k / 10, 2.0, 3.0, 7.0],
-            "covariance": np.diag([0.01, 0.04, 0.09, 1]).tolist(),
-            "std_setup": [0.2, 0.4, 0.6, 2.0],
-            "regrouping": dict(zip(names, ("m1 + m2", "m2rz2", "Ixx2"), strict=True)),
-            "held_out": {"Fx": {"ratio": 0.25}},
-            "setup": [{"name": "delay", "text": "late"}],
-            "bodies": {"base": {"m": 1.0}, "link1": {"m": 2.0}},
-        }
-        log = {"model": {"file": "m.xml", "sha256": "0"}, "logs": [{"file": f"{k}.csv", "sha256": str(k)}]}
-        run = {"options": {"estimator": "trajectory", "fix": [], "gaps": bool(k)}, "recording": log}
-        run |= {"versions": {"multicontact": "1"}, "git_commit": None}
-        (folder / name).mkdir()
-        for file, content in (("estimate", estimate), ("provenance", run)):
-            (folder / name / f"{file}.json").write_text(json.dumps(content), encoding="utf-8")
-
-
-def _write_markers(folder):
-    """Writes a double pendulum with markers, and a trial of it."""
+    # A double pendulum with markers, and a trial of it.
     spec = scenes.load("double_pendulum")
     for body in ("base", "link1", "link2"):
         for k, at in enumerate(((0.1, 0, 0.1), (0, 0.1, 0.2), (-0.1, 0, 0.3))):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanisms import random_phi, random_pose, random_twist, unhat
+from mechanisms import random_pose, random_twist, unhat
 from scipy.linalg import expm
 
 from ident.geometry import inertia, se3
@@ -29,13 +29,6 @@ def test_adjoint_is_a_homomorphism_and_conjugation(rng):
     np.testing.assert_allclose(se3.coAd(a), np.linalg.inv(Ad(a)).T, atol=1e-13)
 
 
-def test_ad_is_the_lie_bracket_and_the_derivative_of_Ad(rng):
-    xi, V, h = random_twist(rng, "helical"), rng.normal(size=6), 1e-5
-    np.testing.assert_allclose(hat(se3.ad(xi) @ V), hat(xi) @ hat(V) - hat(V) @ hat(xi), atol=1e-14)
-    derivative = (Ad(se3.exp(xi, h)) - Ad(se3.exp(xi, -h))) / (2 * h)
-    np.testing.assert_allclose(derivative, se3.ad(xi), atol=1e-8)
-
-
 def moving(rng):
     """A pose as a smooth function of time."""
     start, other = random_pose(rng), random_pose(rng)
@@ -58,23 +51,6 @@ def test_equation_6_velocities_of_composed_motions(rng):
     np.testing.assert_allclose(spatial_ab, Ad(T_ab(0.7)) @ body_ab, atol=1e-7)
     np.testing.assert_allclose(spatial_ac, spatial_ab + Ad(T_ab(0.7)) @ spatial_bc, atol=1e-6)
     np.testing.assert_allclose(body_ac, Ad(se3.inverse(T_bc(0.7))) @ body_ab + body_bc, atol=1e-6)
-
-
-def test_leading_dimensions_are_batches():
-    rng = np.random.default_rng(0)
-    xi, theta = np.stack([random_twist(rng, "helical") for _ in range(6)]).reshape(2, 3, 6), rng.normal(size=(2, 3))
-    T, phi = se3.exp(xi, theta), random_phi(rng, 3).reshape(3, 10)
-    for index in np.ndindex(2, 3):
-        np.testing.assert_allclose(T[index], se3.exp(xi[index], theta[index]), atol=1e-15)
-        np.testing.assert_array_equal(se3.ad(xi)[index], se3.ad(xi[index]))
-        for of in (se3.inverse, se3.Ad, se3.coAd):
-            np.testing.assert_array_equal(of(T)[index], of(T[index]))
-    np.testing.assert_array_equal(inertia.pseudo_inertia(phi), [inertia.pseudo_inertia(own) for own in phi])
-
-
-def test_names_are_those_of_the_papers_tables():
-    own = "m1 m1rx1 m1ry1 m1rz1 Ixx1 Iyy1 Izz1 Ixy1 Ixz1 Iyz1"
-    assert inertia.parameter_names(2) == tuple(f"{own} {own.replace('1', '2')}".split())
 
 
 def test_pseudo_inertia_is_the_second_moment_of_point_masses(rng):

@@ -1,5 +1,6 @@
 """Forty logs with the column names of ten drivers and tools, four of each, each with its true mapping."""
 
+from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -11,93 +12,60 @@ import numpy as np
 import walker
 import wrist
 from guesses.odd_logs import DEG, text, vector
+from random_models import inverse_dynamics
 from scipy.io import savemat
 
 import sim
-from ident import Mechanism
+from ident import base_wrench_regressor
 
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 """Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
-UR_LINKS = (
-    ("0 0 0.09", "0 0 1", 3.7, "0 -0.02 0.01"),
-    ("0 0.14 0", "0 1 0", 8.4, "0 0 0.28"),
-    ("0 -0.12 0.42", "0 1 0", 2.3, "0 0.01 0.25"),
-    ("0 0 0.39", "0 1 0", 1.2, "0.01 0.09 0.02"),
-    ("0 0.09 0", "0 0 1", 1.2, "0.03 0.01 0.05"),
-    ("0 0 0.09", "0 1 0", 0.6, "0.04 0.05 0.03"),
-)
-"""Position, axis, mass and centre of mass of each link."""
-
-
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
-
-    mechanism: Mechanism
-    joints: tuple[str, ...]
-    time: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    tau: np.ndarray
-    base: np.ndarray
-
-
-@cache
-def ur():
-    """A robot like Universal Robots' 5."""
-    links = [
-        f'<body name="link{k}" pos="{place}"><joint name="{joint}" axis="{axis}"/><inertial mass="{mass}" pos="{com}" '
-        'diaginertia="0.02 0.02 0.01"/>'
-        for k, ((place, axis, mass, com), joint) in enumerate(zip(UR_LINKS, UR, strict=True), start=1)
-    ]
-    return _recorded("".join(links) + "</body>" * len(links), UR)
-
-
-@cache
-def seven(pattern="panda_joint{}", fingers=False):
-    """A robot like Franka's or KUKA's with seven joints, perhaps with two fingers."""
-    names = [pattern.format(k) for k in range(1, 8)]
-    fingered = "".join(
-        f'<body name="finger{k}"><joint name="{name}" type="slide" axis="0 {y} 0"/>'
-        '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
-        for k, (name, y) in enumerate(zip(FINGERS, (1, -1), strict=True))
-    )
-    text = wrist.model(beyond=fingered if fingers else "")
-    for k in range(7, 0, -1):
-        text = text.replace(f'"joint{k}"', f'"{names[k - 1]}"')
-    return _recorded(text.split("<worldbody>")[1].split("</worldbody>")[0], tuple(names))
-
-
-def _recorded(bodies, joints):
-    """A motion of six seconds, with its torques and base wrench."""
-    spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
-    model = spec.compile()
-    data, n = mujoco.MjData(model), len(joints)
-    time, q, dq, ddq = wrist.motion(6.0)
-    order = np.random.default_rng(3)
-    tau, ground = np.empty((len(time), n)), np.empty((len(time), 6))
-    for k in range(len(time)):
-        data.qpos[:n], data.qvel[:n], data.qacc[:n] = q[k, :n], dq[k, :n], ddq[k, :n]
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_rnePostConstraint(model, data)
-        tau[k] = data.qfrc_inverse[:n]
-        # Of the base's body: torque and force about the centre of mass of all, moved to the world's origin.
-        moment, force = data.cfrc_int[1, :3], data.cfrc_int[1, 3:]
-        ground[k] = np.append(force, moment + np.cross(data.subtree_com[model.body_rootid[1]], force))
-    friction = np.array([3.0, 3, 2, 1, 0.5, 0.3, 0.1])[:n] * np.tanh(dq[:, :n] / 0.05) * 0.2
-    tau = tau + friction + 0.02 * np.ptp(tau, axis=0) * order.normal(size=tau.shape)
-    ground = ground + 0.01 * np.ptp(ground, axis=0) * order.normal(size=ground.shape)
-    q = q[:, :n] + 1e-5 * order.normal(size=(len(time), n))
-    mechanism = sim.mechanism(spec, base="base")
-    return Robot(mechanism, joints, time, q, dq[:, :n] + 1e-3 * order.normal(size=q.shape), tau, ground)
-
-
+Robot = namedtuple("Robot", "mechanism joints time q dq tau base")
+"""An arm and its recording: times (N,), states and torques (N, n), and the ground's wrench on the base (N, 6)."""
 ALPHABETICAL = sorted(range(6), key=UR.__getitem__)  # Joints of the six-axis robot in ROS's order.
 PLAIN, EPOCH, STAMPS = ("time", 1.0, 0.0), ("__time", 1.0, 1.7e9), ("%time", 1e9, 1.7e9)
 """Name, factor and start of columns of times."""
+
+
+def ur():
+    """A robot with joints like Universal Robots'."""
+    return recorded(UR)
+
+
+def seven(pattern="panda_joint{}", fingers=()):
+    """A robot like Franka's or KUKA's with seven joints, perhaps with fingers."""
+    return recorded(tuple(pattern.format(k) for k in range(1, 8)), fingers)
+
+
+@cache
+def recorded(joints, fingers=()):
+    """A motion of six seconds of an arm, with its torques and base wrench."""
+    text = wrist.model(
+        beyond="".join(
+            f'<body name="of_{name}"><joint name="{name}" type="slide" axis="0 1 0"/>'
+            '<inertial mass="0.05" pos="0 0 0.03" diaginertia="1e-5 1e-5 1e-5"/></body>'
+            for name in fingers
+        )
+    )
+    for k in range(7, 0, -1):
+        own = f'<joint name="{joints[k - 1]}" axis="0 0 1"/>' if k <= len(joints) else ""
+        text = text.replace(f'<joint name="joint{k}" axis="0 0 1"/>', own)
+    text = text.replace("<worldbody>", '<worldbody><body name="base">').replace("</worldbody>", "</body></worldbody>")
+    spec = mujoco.MjSpec.from_string(text)
+    rng, mechanism, n = np.random.default_rng(3), sim.mechanism(spec, base="base"), len(joints)
+    time, *states = wrist.motion(6.0, 50.0)
+    q, dq, ddq = (x[:, :n] for x in states)
+    tau = inverse_dynamics(spec.compile(), q, dq, ddq)[0][:, :n]
+    resting = [np.pad(x, ((0, 0), (0, len(mechanism.joints) - n))) for x in (q, dq, ddq)]
+    ground = base_wrench_regressor(mechanism.tree, *resting, gravity=mechanism.gravity) @ mechanism.known
+    tau = tau + np.array([0.6, 0.6, 0.4, 0.2, 0.1, 0.06, 0.02])[:n] * np.tanh(dq / 0.05)
+    tau = tau + 0.02 * np.ptp(tau, axis=0) * rng.normal(size=tau.shape)
+    ground = ground + 0.01 * np.ptp(ground, axis=0) * rng.normal(size=ground.shape)
+    q, dq = q + 1e-5 * rng.normal(size=q.shape), dq + 1e-3 * rng.normal(size=q.shape)
+    return Robot(mechanism, joints, time, q, dq, tau, ground)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +83,6 @@ class Log:
     header: bool = True
 
     def write(self, folder: Path) -> Path:
-        """Writes it and returns its path."""
         if self.between == "mat":
             savemat(folder / "log.mat", self.columns)
             return folder / "log.mat"
@@ -164,12 +131,6 @@ def three(pattern, position="position", velocity="velocity", torque="effort"):
     return [pattern.replace("*", kind) for kind in (position, velocity, torque)]
 
 
-@cache
-def logs() -> tuple[Log, ...]:
-    """All of them."""
-    return (*_ros(), *_rtde(), *_franka(), *_iiwa(), *_lerobot(), *_walkers(), *_gazebo(), *_matlab())
-
-
 def _ros():
     tool, panda, robot = "ROS joint_states", seven(), ur()
     by_name, numbered, fields = three("/joint_states/{}/*"), three("/joint_states/*[{}]"), three("field.*{}")
@@ -185,7 +146,7 @@ def _ros():
         beside = {"field.header.seq": sequence} | names
         yield arm(tool, about, robot, *fields, order=ALPHABETICAL, clock=STAMPS, beside=beside)
     beside = series("field.O_T_EE{}", noise(panda, 16)) | series("field.q_d{}", panda.q + 1e-4)
-    beside |= series("field.dtau_J{}", np.gradient(panda.tau, 0.01, axis=0))
+    beside |= series("field.dtau_J{}", np.gradient(panda.tau, 0.02, axis=0))
     beside |= series("field.tau_ext_hat_filtered{}", noise(panda, 7)) | series("field.O_F_ext_hat_K{}", noise(panda, 6))
     beside |= series("field.theta{}", panda.q + 1e-3 * np.random.default_rng(1).normal(size=panda.q.shape))
     patterns = "field.q{}", "field.dq{}", "field.tau_J{}"
@@ -209,7 +170,7 @@ def _rtde():
 
 
 def _franka():
-    tool, panda, hand = "Franka libfranka", seven(), seven(fingers=True)
+    tool, panda, hand = "Franka libfranka", seven(), seven(fingers=FINGERS)
     patterns = "state.q[{}]", "state.dq[{}]", "state.tau_J[{}]"
     beside = series("state.q_d[{}]", panda.q) | series("state.tau_ext_hat_filtered[{}]", noise(panda, 7))
     yield arm(tool, "logToCSV", panda, *patterns, beside=beside | series("cmd.tau_J[{}]", panda.tau))
@@ -270,7 +231,8 @@ def _walkers():
             values = np.hstack([wrench[:, :3], at, np.column_stack([0 * free, 0 * free, free])])
             columns |= dict(zip([*forces, *points, *about_point], values.T, strict=True))
             wrenches[tuple(forces + about_point)] = f"foot_{foot}"
-        yield Log(tool, about, columns, mechanism, truth, wrenches, between="\t")
+        rarely = {name: x[::2] for name, x in columns.items()}
+        yield Log(tool, about, rarely, mechanism, truth, wrenches, between="\t")
 
 
 def _gazebo():
@@ -296,3 +258,6 @@ def _matlab():
     block = dict(zip(map(str, range(8, 14)), robot.base.T, strict=True))
     bare = arm(tool, "writematrix of [t q F]", robot, "{}", first=2, clock=clock, beside=block)
     yield replace(bare, wrenches={tuple(block): None}, header=False)
+
+
+LOGS = (*_ros(), *_rtde(), *_franka(), *_iiwa(), *_lerobot(), *_walkers(), *_gazebo(), *_matlab())

@@ -7,7 +7,9 @@ from swinging import pendulum as arm
 
 import scenes
 import sim
-from ident import joint_torque_regressor
+from experiments.guesses.belief import write_mapping
+from experiments.guesses.guess import believed
+from ident import joint_torque_regressor, read_log
 from ident.recordings.smoothing import smoothed
 from sim.motion.excitation import DOUBLE_PENDULUM
 
@@ -34,9 +36,9 @@ def _parts():
     return r.time, r["joint1_position"], r["joint2_position"], r["ground_force"], r["ground_torque"]
 
 
-def vector(pattern, x):
-    """Columns of a vector (N, 3) by name."""
-    return {pattern.format(axis): column for axis, column in zip("xyz", x.T, strict=True)}
+def vector(pattern, x, components="xyz"):
+    """Columns of a vector (N, d) by name."""
+    return {pattern.format(axis): column for axis, column in zip(components, x.T, strict=True)}
 
 
 def laboratory():
@@ -157,3 +159,18 @@ def write(folder, log):
     path = folder / f"{log.__name__}.csv"
     path.write_text(content, encoding="utf-8")
     return path, mapping
+
+
+def belief_of(folder, columns, mechanism, **given):
+    """Belief about a log of some columns, at 100 Hz unless they have a time."""
+    count = len(next(iter(columns.values())))
+    columns = columns if any("time" in name for name in columns) else {"time": np.arange(count) / 100} | columns
+    (folder / "log.csv").write_text(text(columns), encoding="utf-8")
+    return believed(mechanism, [folder / "log.csv"], **given)
+
+
+def read_as_guessed(folder, belief, mechanism):
+    """The log read by its guessed mapping."""
+    (folder / "guessed.toml").unlink(missing_ok=True)
+    write_mapping(folder / "guessed.toml", belief)
+    return read_log(folder / "log.csv", mechanism, folder / "guessed.toml")

@@ -9,15 +9,15 @@ from pathlib import Path
 import driven_arm
 import numpy as np
 import pytest
-from guesses.forty_logs import columns_of, logs, seven, ur
-from guesses.odd_logs import arm, recording, text
+from guesses.forty_logs import LOGS, columns_of, seven, ur
+from guesses.odd_logs import arm, belief_of, read_as_guessed, recording
+from mechanisms import by_joint
 
 import experiments
-from experiments.guesses.belief import DOUBTFUL, toml_text
+from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
 from ident import joint_torque_regressor
 from ident.files.table import CURRENT
-from ident.recordings.mapping import read_mapping
 from ident.recordings.plates import AUTO
 
 
@@ -47,16 +47,12 @@ def judged(log, folder):
     return wrong + [f"a wrench of {', '.join(columns)}" for columns in there], lacking, belief
 
 
-def all_logs():
-    """All logs; of each tool the first, and those with a question, are fast enough for every run."""
-    tools = set()
-    for log in logs():
-        fast = log.asked or log.tool not in tools
-        tools.add(log.tool)
-        yield pytest.param(log, id=f"{log.tool}: {log.about}", marks=() if fast else pytest.mark.slow)
+FIRST = {log.tool: log for log in reversed(LOGS)}.values()
+QUICK = [pytest.param(log, marks=() if log.asked or log in FIRST else pytest.mark.slow) for log in LOGS]
+"""All logs; of each tool the first, and those with a question, are fast enough for every run."""
 
 
-@pytest.mark.parametrize("log", list(all_logs()))
+@pytest.mark.parametrize("log", QUICK, ids=lambda log: f"{log.tool}: {log.about}")
 def test_what_is_guessed_is_right_or_asked(log, tmp_path):
     wrong, lacking, belief = judged(log, tmp_path)
     is_open = lacking or None in log.truth.values()
@@ -68,16 +64,9 @@ def test_the_table_of_the_documentation_counts_them():
     if not page.exists():
         pytest.skip("only a checkout has docs")
     rows = re.findall(r"^\| ([^|]+?) \| (\d+) \| (\d+) \| (\d+) \|", page.read_text(encoding="utf-8"), re.MULTILINE)
-    counted = Counter((log.tool, log.asked) for log in logs())
-    tools = list(dict.fromkeys(log.tool for log in logs()))
+    counted, tools = Counter((log.tool, log.asked) for log in LOGS), dict.fromkeys(log.tool for log in LOGS)
     expected = [(tool, str(counted[tool, False]), str(counted[tool, True]), "0") for tool in tools]
     assert rows == [*expected, ("all", *(str(sum(int(row[k]) for row in expected)) for k in (1, 2, 3)))]
-
-
-def belief_of(folder, columns, mechanism):
-    """Belief about a log of some columns."""
-    (folder / "log.csv").write_text(text(columns), encoding="utf-8")
-    return believed(mechanism, [folder / "log.csv"])
 
 
 def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(tmp_path):
@@ -100,7 +89,7 @@ def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
 
 def test_no_gain_is_written_that_the_file_contradicts(tmp_path):
     """A wrist whose load differs from the model's; the other joints are right."""
-    robot = replace(seven(), tau=seven().tau * [1, 1, 1, 1, 1, 13, 1])
+    robot = seven()._replace(tau=seven().tau * [1, 1, 1, 1, 1, 13, 1])
     belief = belief_of(tmp_path, columns_of(robot, "q_{}", "dq_{}", "tau_{}")[0], robot.mechanism)
     assert {(x.gain, x.unit) for x in belief.of("torque").values()} == {(1.0, "N m")}
     assert "but no gain is put for it" in belief.of("torque")["panda_joint6"].why[-1]
@@ -108,7 +97,7 @@ def test_no_gain_is_written_that_the_file_contradicts(tmp_path):
 
 def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
     robot = seven()
-    raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
+    raw = robot._replace(tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
     columns = columns_of(robot, "q_{}", "", "tau_{}")[0] | columns_of(raw, "", "", "tau_raw_{}")[0]
     belief = belief_of(tmp_path, columns, robot.mechanism)
     assert belief.complete and belief.of("torque") == {}
@@ -121,9 +110,6 @@ def test_a_base_in_another_orientation_is_written_and_no_sign_is_turned(tmp_path
     t, q, dq, ddq = driven_arm.motion(rng)
     torques = 1.1 * joint_torque_regressor(robot.tree, q, dq, ddq, gravity=robot.mounted(rpy).gravity) @ robot.known
     torques += 0.3 * np.tanh(dq / 0.01) + rng.normal(scale=0.05, size=torques.shape)
-    values = {"position": q, "torque": torques}
-    columns = {f"{j}_{kind}": x[:, k] for kind, x in values.items() for k, j in enumerate(robot.tree.joints)}
-    belief = belief_of(tmp_path, {"time": t} | columns, robot)
-    (tmp_path / "columns.toml").write_text(toml_text(belief), encoding="utf-8")
-    assert read_mapping(tmp_path / "columns.toml", robot.tree).base_rpy_deg == rpy
+    belief = belief_of(tmp_path, {"time": t} | by_joint(robot.tree.joints, position=q, torque=torques), robot)
+    assert read_as_guessed(tmp_path, belief, robot).base_rpy_deg == rpy
     assert all(x.gain == 1 for x in belief.quantities.values())

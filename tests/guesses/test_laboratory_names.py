@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import wrist
 from guesses.forty_logs import seven
-from guesses.odd_logs import DEG, text, vector
-from mechanisms import sines
+from guesses.odd_logs import DEG, belief_of, read_as_guessed, text, vector
+from mechanisms import by_joint, sines
 
 import ident
 import scenes
@@ -21,21 +21,22 @@ from experiments.guesses.guess import believed
 from ident import Motion, identify_payload
 from ident.estimation.equations import predicted_channels
 
-TIME = np.arange(1500) / 100
+TIME = np.arange(900) / 100
 JOINTS = ("pan", "lift", "elbow")
 LINK = '<body name="{1}" pos="{2}"><joint name="{0}" axis="{3}"/><inertial mass="2" pos=".12 .02 .05" {4}/>'
 LINKS = zip(JOINTS, ("l1", "l2", "l3"), ("0 0 .1", "0 0 .2", ".3 0 0"), ("0 0 1", "0 1 0", "0 1 0"), strict=True)
 CHAIN = "".join(LINK.format(*link, 'diaginertia=".02 .01 .02"') for link in LINKS) + 3 * "</body>"
 MODEL = f"<mujoco><worldbody>{CHAIN}</worldbody></mujoco>"
 ARM = sim.mechanism(mujoco.MjSpec.from_string(MODEL))
+ROBOT = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 def noisy_log():
     """Positions and torques of sums of four sines, with some noise (N, 3)."""
     rng = np.random.default_rng(3)
-    q, *rates = sines(
-        TIME, 0.5 * rng.uniform(0.3, 1, (3, 4)), np.array([0.9, 1.7, 2.9, 4.1]), rng.uniform(0, 6, (3, 4))
-    )
+    size, phase = 0.5 * rng.uniform(0.3, 1, (3, 4)), rng.uniform(0, 6, (3, 4))
+    q, *rates = sines(TIME, size, np.array([0.9, 1.7, 2.9, 4.1]), phase)
     exact = predicted_channels(ARM, Motion(q, *rates), np.eye(4), torques=True)
     tau = np.stack([exact[joint] for joint in JOINTS], axis=1)
     return q + 1e-4 * rng.normal(size=q.shape), tau + 0.02 * rng.normal(size=tau.shape)
@@ -53,27 +54,21 @@ def names(pattern):
     return dict(zip(JOINTS, columns_of(pattern, Q), strict=True))
 
 
-def belief_of(folder, columns, mechanism=ARM):
-    path = folder / "log.csv"
-    path.write_text(text({"time": TIME[: len(next(iter(columns.values())))]} | columns), encoding="utf-8")
-    return believed(mechanism, [path])
-
-
 def mapped(belief, kind):
     return {joint: x.column for joint, x in belief.of(kind).items()}
 
 
-SERIES = [
-    *(("axis{}", "torque{}"), ("A{}", "M{}"), ("J{}", "T{}"), ("q{}", "u{}"), ("axis{}", "load{}"), ("X{}", "Y{}")),
-    *(("Achse{}", "Drehmoment{}"), ("Gelenk{} Winkel", "Gelenk{} Moment"), ("jointpos{}", "jointtorque{}")),
-    *(("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"), ("{n}_rad", "{n}_nm"), ("{n}Pos", "{n}Tau")),
-]
-
-
-@pytest.mark.parametrize(("position", "torque"), SERIES)
+@pytest.mark.parametrize(
+    ("position", "torque"),
+    [
+        *(("axis{}", "torque{}"), ("A{}", "M{}"), ("q{}", "u{}"), ("jointpos{}", "jointtorque{}")),
+        *(("Gelenk{} Winkel", "Gelenk{} Moment"), ("{n}_rad", "{n}_nm"), ("{n}Pos", "{n}Tau")),
+        ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"),
+    ],
+)
 def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, torque):
     factor = 1.0 if "rad" in position else DEG
-    belief = belief_of(tmp_path, columns_of(position, factor * Q) | columns_of(torque, TAU))
+    belief = belief_of(tmp_path, columns_of(position, factor * Q) | columns_of(torque, TAU), ARM)
     assert mapped(belief, "position") == names(position), belief.open
     assert mapped(belief, "torque") == names(torque)
     assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
@@ -81,21 +76,22 @@ def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, tor
 
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
-    belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
+    columns = columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates)
+    belief = belief_of(tmp_path, columns, ARM)
     assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
 
 
-COMMANDED = [
-    *(("observation.state.{n}.position", "action.{n}.position"), ("observation.state.{n}", "action.{n}")),
-    *(("{n}_pos", "{n}_goal"), ("{n}_pos", "goal_{n}"), ("{n}_pos", "{n}_command"), ("position_{n}", "q_d_{n}")),
-    *(("{n}.present_position", "{n}.goal_position"), ("{n} ist", "{n} soll")),
-]
-
-
-@pytest.mark.parametrize(("measured", "commanded"), COMMANDED)
+@pytest.mark.parametrize(
+    ("measured", "commanded"),
+    [
+        *(("observation.state.{n}.position", "action.{n}.position"), ("observation.state.{n}", "action.{n}")),
+        *(("{n}_pos", "{n}_goal"), ("{n}_pos", "{n}_command"), ("position_{n}", "q_d_{n}")),
+        *(("{n}.present_position", "{n}.goal_position"), ("{n} ist", "{n} soll")),
+    ],
+)
 def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     columns, path = columns_of(commanded, DEG * (Q + 0.05 * TAU)) | columns_of(measured, DEG * Q), tmp_path / "c.toml"
-    belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns, ARM)
     assert mapped(belief, "command") == names(commanded), belief.open
     assert mapped(belief, "position") == names(measured)
     write_mapping(path, belief)
@@ -124,83 +120,75 @@ def test_the_only_position_is_that_of_the_only_joint_and_what_follows_it_its_com
     assert mapped(belief, "command") == ({"lift": own[1]} if command else {})
 
 
-ROBOT = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-
-
 def with_sensor(force, torque):
     """Columns of an arm with a sensor at its wrist."""
-    log = wrist.log(seconds=6.0)
+    log = wrist.log(seconds=6.0, rate=50.0)
     columns = {"time": log.time} | {f"{joint}_position": log[f"{joint}_position"] for joint in wrist.JOINTS}
     return columns | vector(force, log["wrist_force"] + 3) | vector(torque, log["wrist_torque"])
 
 
 def of_sensor(folder, columns):
     """The only wrench of a log, and the belief."""
-    (folder / "log.csv").write_text(text(columns), encoding="utf-8")
-    belief = believed(ROBOT, [folder / "log.csv"])
+    belief = belief_of(folder, columns, ROBOT)
     (group,) = belief.groups.values()
     assert group.name != "ground" and group.is_inner and group.entries["body"].value == "tool" and belief.open == []
-    assert group.entries["unit"].value == "N" and group.entries["torque_unit"].value == "N m"
+    assert group.entries["unit"].value == "N"
     return group, belief
 
 
-def test_a_wrist_sensor_beside_torques_is_for_payload(tmp_path):
-    torques = {f"joint{k + 1}_torque": x[:600] for k, x in enumerate(seven("joint{}").tau.T)}
-    group, belief = of_sensor(tmp_path, with_sensor("FT{}", "MT{}") | torques)
-    assert group.is_doubtful and any("for `payload`" in note for note in belief.notes)
-
-
-def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
-    assert not of_sensor(tmp_path, with_sensor("tool.force.{}", "tool.torque.{}"))[0].is_doubtful
-    columns, path, model = with_sensor("FT{}", "MT{}"), tmp_path / "log.csv", tmp_path / "arm.xml"
-    group, _ = of_sensor(tmp_path, columns)
-    assert not group.is_doubtful and "position" in group.entries
-    model.write_text(wrist.model())
-    assert command.main([str(model), str(path)]) == 0
-    last = capsys.readouterr().out.strip().splitlines()[-1]
-    mapping = tmp_path / "log.toml"
-    assert last == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor {group.name}"
-    payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=group.name)
-    assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
-    path.write_text(text({name: x for name, x in columns.items() if name not in group.entries["torque"].value}))
-    belief = believed(ROBOT, [path])
-    (alone,) = belief.groups.values()
-    assert "position" not in alone.entries and alone.is_doubtful
-    assert any("a remark without all six components, which `payload` needs" in note for note in belief.notes)
-    assert command.main([str(model), str(path), "--force"]) == 0
+def test_a_wrist_sensor_beside_torques_or_without_moments_is_a_remark_for_payload(tmp_path, capsys):
+    columns = with_sensor("tool.force.{}", "tool.torque.{}")
+    torques, forces = by_joint(wrist.JOINTS, torque=seven().tau), {k: x for k, x in columns.items() if "tor" not in k}
+    for each, words in (
+        (columns | torques, "for `payload`"),
+        (forces, "a remark without all six components, which `payload` needs"),
+    ):
+        group, belief = of_sensor(tmp_path, each)
+        assert group.is_doubtful and any(words in note for note in belief.notes)
+    assert "position" not in group.entries
+    (tmp_path / "arm.xml").write_text(wrist.model())
+    assert command.main([str(tmp_path / "arm.xml"), str(tmp_path / "log.csv")]) == 0
     assert "multicontact payload" not in capsys.readouterr().out
 
 
+def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
+    group, belief = of_sensor(tmp_path, with_sensor("wrist_f{}", "wrist_m{}"))
+    assert group.entries["torque_unit"].value == "N m" and not group.is_doubtful
+    sensor = read_as_guessed(tmp_path, belief, ROBOT).sensors["wrist"]
+    np.testing.assert_allclose(sensor.pose, wrist.sensors()["wrist"].pose, atol=1e-6)
+    assert sensor.body == "tool" and sensor.applied_to_link
+    path, model, mapping = (tmp_path / name for name in ("log.csv", "arm.xml", "log.toml"))
+    path.write_text(text(with_sensor("FT{}", "MT{}")), encoding="utf-8")
+    model.write_text(wrist.model())
+    assert command.main([str(model), str(path)]) == 0
+    *_, last = capsys.readouterr().out.strip().splitlines()
+    payload, name = last.rsplit(" ", 1)
+    assert payload == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor"
+    payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=name)
+    assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
+
+
 def test_a_time_that_is_repeated_with_other_values_takes_gaps(tmp_path):
-    twice = [np.insert(x, 20, x[25], axis=0)[:500] for x in (Q, TAU)]
-    columns = {"time": np.insert(TIME, 20, TIME[19])[:500]} | columns_of("{n}_position", twice[0])
-    path = tmp_path / "log.csv"
-    path.write_text(text(columns | columns_of("{n}_torque", twice[1])), encoding="utf-8")
-    belief = believed(ARM, [path])
+    q, tau = (np.insert(x, 20, x[25], axis=0)[:500] for x in (Q, TAU))
+    columns = {"time": np.insert(TIME, 20, TIME[19])[:500]} | by_joint(JOINTS, position=q, torque=tau)
+    belief = belief_of(tmp_path, columns, ARM)
     assert belief.log.has_gaps and not any("could not be checked" in note for note in belief.notes)
 
 
 def test_markers_lead_to_the_angles(tmp_path, capsys):
     sites = "".join(f'<site name="M{k}" pos=".{k} 0 .0{k}"/>' for k in range(1, 5))
-    (tmp_path / "arm.xml").write_text(MODEL.replace("</body>", sites + "</body>", 1))
-    path = tmp_path / "walk.csv"
-    markers = {f"M{k}.{axis}": np.sin(TIME + k) for k in range(1, 5) for axis in "xyz"}
-    path.write_text(text({"time": TIME} | markers))
-    assert command.main([str(tmp_path / "arm.xml"), str(path), "--fix", "pan"]) == 0
+    model, path = tmp_path / "arm.xml", tmp_path / "walk.csv"
+    model.write_text(MODEL.replace("</body>", sites + "</body>", 1))
+    path.write_text(text({"time": TIME} | {f"M{k}.{axis}": np.sin(TIME + k) for k in range(1, 5) for axis in "xyz"}))
+    assert command.main([str(model), str(path), "--fix", "pan"]) == 0
     output = capsys.readouterr().out
-    assert output.endswith(f"\nmulticontact angles {tmp_path / 'arm.xml'} {path} --fix pan\n")
+    assert output.endswith(f"\nmulticontact angles {model} {path} --fix pan\n")
     assert "positions of 4 markers: M1, M2, M3, M4" in output and "may be in" not in output
 
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-
-
-PERCENT = [("observation.state.{n}.pos", 95.0), ("{n} pos [%]", 40.0), ("{n}_percent", 9.0)]
-
-
-@pytest.mark.parametrize(("name", "size"), PERCENT)
+@pytest.mark.parametrize(("name", "size"), [("observation.state.{n}.pos", 95.0), ("{n} pos [%]", 9.0)])
 def test_percentages_of_a_range_are_no_degrees(tmp_path, name, size):
-    belief = belief_of(tmp_path, columns_of(name, size / np.abs(Q).max() * Q))
+    belief = belief_of(tmp_path, columns_of(name, size / np.abs(Q).max() * Q), ARM)
     assert mapped(belief, "position") == {} and "percentages of calibrated ranges" in belief.open[0]
     assert {x.sure for x in belief.quantities.values()} == {DOUBTFUL}
 
@@ -211,8 +199,7 @@ def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):
     wrench = np.hstack([columns["ground_force"], columns["ground_torque"]])
     positions = {f"{joint}_position": columns[f"{joint}_position"] for joint in arm.joints}
     plate = dict(zip([f"plate_{x}" for x in WRENCH], (wrench * [1, -1, 1, 1, 1, 1]).T, strict=True))
-    write_mapping(tmp_path / "c.toml", belief_of(tmp_path, positions | plate, arm))
-    read = ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")
+    read = read_as_guessed(tmp_path, belief_of(tmp_path, positions | plate, arm), arm)
     np.testing.assert_allclose(read["ground_force"], wrench[:, :3], atol=1e-5)
 
 
@@ -224,14 +211,11 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
         row |= {"header": {"stamp": {"sec": int(t), "nanosec": round(t % 1 * 1e9)}}} if stamp else {"t": t}
     (tmp_path / "log.jsonl").write_text("\n".join(map(json.dumps, rows)))
     belief = believed(ARM, [tmp_path / "log.jsonl"])
-    assert mapped(belief, "position") == {n: f"position.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
-    assert mapped(belief, "torque") == {n: f"{torque}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
-    write_mapping(tmp_path / "c.toml", belief)
-    read = ident.read_log(tmp_path / "log.jsonl", ARM, tmp_path / "c.toml")
-    np.testing.assert_allclose(read["lift_torque"], TAU[:500, 1], atol=1e-6)
+    for kind, name in (("position", "position"), ("torque", torque)):
+        assert mapped(belief, kind) == {n: f"{name}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):
     columns = columns_of("{n}_position", Q[:17]) | dict(zip(WRENCH, np.hstack([Q, TAU])[:17].T, strict=True))
-    belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns, ARM)
     assert "ground" not in belief.groups and "It is open where" in belief.open[0]

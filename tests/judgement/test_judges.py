@@ -12,8 +12,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, estimate
 import ident
 import scenes
 import sim
-from ident.estimation.equations import Equations
-from ident.estimation.samples import Samples
+from ident import Equations, Motion, Samples, Sensor
 from ident.judgement import mass_findings, payload_findings
 from ident.judgement.checks import ContactCheck, Weight
 from ident.judgement.finding import SetupFinding
@@ -21,9 +20,7 @@ from ident.judgement.fit_findings import course_findings, halves_findings, prior
 from ident.judgement.recording_findings import contact_findings, setup_remarks
 from ident.judgement.residuals import LEAST_ADDED, differences, disagreements, widening, widenings
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
-from ident.mechanism.motion import Motion
 from ident.parameters.prior import KNOWN, known_covariance
-from ident.recordings.wrench import Sensor
 
 
 def of_checks(**checks):
@@ -70,16 +67,14 @@ def test_residuals_over_signals_are_sorted_by_what_they_mean():
     assert findings[2].values == {"ratios": {"b": 0.6, "e": 0.61}, "part": "held-out"}
 
 
-@pytest.mark.parametrize(
-    ("measured_on", "distance", "doubted"), [("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)]
-)
-def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distance, doubted):
-    recording = SimpleNamespace(sensors={"tip": Sensor(measured_on)})
+def test_a_contact_left_out_is_on_a_body_and_is_not_measured():
     samples = SimpleNamespace(motion=Motion(*np.zeros((3, 4, 2))))
-    evidence = of_checks(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0))
-    evidence.ratios, evidence.mechanism = dict.fromkeys(range(6), 0.5), PENDULUM
-    evidence.prepared = SimpleNamespace(recording=recording, samples=samples)
-    assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
+    for measured_on, distance, doubted in (("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)):
+        evidence = of_checks(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0))
+        evidence.ratios, evidence.mechanism = dict.fromkeys(range(6), 0.5), PENDULUM
+        recording = SimpleNamespace(sensors={"tip": Sensor(measured_on)})
+        evidence.prepared = SimpleNamespace(recording=recording, samples=samples)
+        assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
 
 
 def test_the_weight_may_not_drift_either_way(monkeypatch):
@@ -90,16 +85,15 @@ def test_the_weight_may_not_drift_either_way(monkeypatch):
         assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in findings)
 
 
-@pytest.mark.parametrize("drift", [0.0, -0.1])
-def test_a_drifting_sensor_is_weighed(drift):
+def test_a_drifting_sensor_is_weighed():
     """By so much of the model's mass over the recording, part of which is fitted."""
     right = faulty()
     wrench = wrench_of(right)
-    wrench[:, 2] += drift * PENDULUM.mass * 9.81 * (right.time - right.time.mean()) / np.ptp(right.time)
+    wrench[:, 2] -= 0.1 * PENDULUM.mass * 9.81 * (right.time - right.time.mean()) / np.ptp(right.time)
     recording = angles_and_wrench(right.time, right.of_joints(JOINTS, "position"), wrench)
     estimate = ident.identify(PENDULUM, recording, estimator="weighted", cutoff=8.0)
     weight, part = estimate.checks.weight, estimate.prepared.recording.time[estimate.prepared.taken(estimate.part)]
-    assert weight.drift / PENDULUM.mass == pytest.approx(drift * np.ptp(part) / np.ptp(right.time), abs=0.01)
+    assert weight.drift / PENDULUM.mass == pytest.approx(-0.1 * np.ptp(part) / np.ptp(right.time), abs=0.01)
     assert weight.measured == pytest.approx(PENDULUM.mass, rel=0.02) and weight.model == PENDULUM.mass
 
 
@@ -130,30 +124,21 @@ def of_payload(monkeypatch):
     return partial(payload_findings.payload_findings, None)
 
 
-@pytest.mark.parametrize(
-    ("mass", "robot", "doubts"),
-    [
-        (19, 20, []),
-        (21, 20, [False]),
-        (210, 20, [True]),
-        (2200, None, []),
-        (2400, None, [True]),
-        (2200, 4000, []),
-        (2400, 4000, [True]),
-    ],
-)
-def test_a_payload_is_hardly_heavier_than_its_robot_and_never_than_any_robot_carries(of_payload, mass, robot, doubts):
-    findings = of_payload(mass, robot, np.ones(10, bool), "wrist")
-    assert [(each.code, each.doubt) for each in findings] == [("payload_mass_unlikely", doubt) for doubt in doubts]
-    assert all(each.values["mass"] == mass and each.values["robot"] == robot for each in findings)
+def test_a_payload_is_hardly_heavier_than_its_robot_and_never_than_any_robot_carries(of_payload):
+    remarks, doubts = ((21, 20),), ((210, 20), (2400, None), (2400, 4000))
+    for mass, robot in ((19, 20), (2200, None), (2200, 4000), *remarks, *doubts):
+        findings = of_payload(mass, robot, np.ones(10, bool), "wrist")
+        expected = [("payload_mass_unlikely", (mass, robot) in doubts, {"mass": mass, "robot": robot})]
+        named = [(each.code, each.doubt, each.values) for each in findings]
+        assert named == expected * ((mass, robot) in {*remarks, *doubts})
 
 
 def test_a_rough_axis_of_a_payload_is_a_remark_and_only_an_open_mass_a_doubt(of_payload):
     known, axis = np.arange(10) % 4 > 0, np.array([0, 0, 1.0])
-    for std, rough in ((0.09, []), (0.11, ["payload_axis_rough"])):
+    for std, rough in ((0.09, []), (0.11, [("payload_axis_rough", False)])):
         findings = of_payload(1.0, None, known, "wrist", (axis, std, 0.5))
-        assert [each.code for each in findings] == ["payload_mass_unknown", "payload_inertia_unknown", *rough]
-        assert [each.doubt for each in findings] == [True, False, *(False for _ in rough)]
+        unknown = [("payload_mass_unknown", True), ("payload_inertia_unknown", False)]
+        assert [(each.code, each.doubt) for each in findings] == unknown + rough
 
 
 def shorter(share):
@@ -169,19 +154,6 @@ def test_a_cable_that_pulls_is_a_doubt():
     (finding,) = coded(estimate, "unmodelled")
     assert finding.doubt and finding.values["causes"][0] == {"kind": "force", "body": "link2"}
     assert finding.place.bodies[0] == "link2" and finding.values["ratio"] < 0.8
-
-
-@pytest.mark.slow
-def test_a_link_of_another_length_is_a_doubt():
-    """Its cause is named if joints lie as stated, also where other errors of the set-up were found in its place."""
-    (finding,) = coded(ident.identify(shorter(1 / 1.15), faulty(1), setup={"centre": 0.0}), "unmodelled")
-    assert finding.doubt and {"kind": "length", "body": "link2"} in finding.values["causes"]
-
-
-def test_errors_of_the_set_up_are_no_errors_of_the_model():
-    assert not coded(
-        estimated(3, delay=0.03, origin=(0, 0.05, 0)), "unmodelled", "mass_by_setup", "mass_or_common_gain"
-    )
 
 
 def compared(mechanism, wrench):
@@ -265,24 +237,22 @@ def test_recordings_and_halves_disagree_from_two_deviations_and_recordings_are_a
     assert not disagreeing((0.5, 1.8, 0.7)) and not disagreeing(halves=1.9)
 
 
-@pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])
-def test_a_log_that_is_predicted_far_worse_than_others_is_a_doubt_however_bad_candidates_are(own, doubt):
-    ratios = [(0.2, 0.4), (own, 1.0), (0.2, 0.4), (0.2, 0.4)]
-    logs = [{"estimate": np.array([x, 0.2]), "least squares": np.array([other, 0.2])} for x, other in ratios]
-    ((_, doubted, values),) = disagreeing((0.5, 5.0, 0.5, 0.5), logs=logs)
-    assert doubted is doubt and values["best"] == (() if doubt else (2,))
+def test_a_log_that_is_predicted_far_worse_than_others_is_a_doubt_however_bad_candidates_are():
+    usual = {"estimate": np.array([0.2, 0.2]), "least squares": np.array([0.4, 0.2])}
+    for own, doubt in ((0.35, False), (0.45, True)):
+        worse = {"estimate": np.array([own, 0.2]), "least squares": np.array([1.0, 0.2])}
+        ((_, doubted, values),) = disagreeing((0.5, 5.0, 0.5, 0.5), logs=[usual, worse, usual, usual])
+        assert doubted is doubt and values["best"] == (() if doubt else (2,))
 
 
-@pytest.mark.parametrize(
-    ("excess", "low", "high"), [(1, 0.955, 0.965), (1.5, 0.93, 0.95), (2.5, 0.92, 0.95), (4, 0.92, 0.95)]
-)
-def test_widened_intervals_hold_where_the_noise_is_more_than_stated(excess, low, high):
+def test_widened_intervals_hold_where_the_noise_is_more_than_stated():
     """Errors and 12 differences have `excess` times the stated variance; without widening .95 .89 .78 .67 hold."""
-    rng = np.random.default_rng(0)
-    errors = np.sqrt(excess) * rng.normal(size=50_000)
-    z = np.sqrt(excess * rng.chisquare(12, size=50_000) / 12)
-    covered = np.mean(np.abs(errors) < 1.96 * np.array([widening(each) for each in z]))
-    assert low < covered < high
+    for excess, low, high in ((1, 0.955, 0.965), (1.5, 0.93, 0.95), (2.5, 0.92, 0.95), (4, 0.92, 0.95)):
+        rng = np.random.default_rng(0)
+        errors = np.sqrt(excess) * rng.normal(size=20_000)
+        z = np.sqrt(excess * rng.chisquare(12, size=20_000) / 12)
+        covered = np.mean(np.abs(errors) < 1.96 * np.array([widening(each) for each in z]))
+        assert low < covered < high
 
 
 def test_a_parameter_is_widened_by_its_own_halves_beyond_chance_alone():
@@ -293,12 +263,13 @@ def test_a_parameter_is_widened_by_its_own_halves_beyond_chance_alone():
     np.testing.assert_array_equal(widenings(None, 1.0, 2), [1.0, 1.0])
 
 
-@pytest.mark.parametrize(("share", "code"), [(0.1, "prior_beside_data"), (0.9995, "prior_needed")])
-def test_halves_that_disagree_make_no_prior_needed(share, code):
+def test_halves_that_disagree_make_no_prior_needed():
     base = ident.find_base_parameters(PENDULUM.tree, gravity=PENDULUM.gravity)
-    noise, wider = share * known_covariance(PENDULUM, base, KNOWN), np.r_[10.0, np.full(base.rank - 1, 2.0)]
-    joint = SimpleNamespace(known=True, fit=SimpleNamespace(covariance=noise))
     fit = SimpleNamespace(parameters=base, equations=SimpleNamespace(absorbed={}))
-    widened = {"covariance": np.outer(wider, wider) * noise, "widening": 2.0, "condition_number": 10.0}
-    evidence = SimpleNamespace(mechanism=PENDULUM, known=KNOWN, fit=fit, trajectory=joint, **widened)
-    assert [each.code for each in prior_findings(evidence)] == [code]
+    wider = np.r_[10.0, np.full(base.rank - 1, 2.0)]
+    for share, code in ((0.1, "prior_beside_data"), (0.9995, "prior_needed")):
+        noise = share * known_covariance(PENDULUM, base, KNOWN)
+        joint = SimpleNamespace(known=True, fit=SimpleNamespace(covariance=noise))
+        widened = {"covariance": np.outer(wider, wider) * noise, "widening": 2.0, "condition_number": 10.0}
+        evidence = SimpleNamespace(mechanism=PENDULUM, known=KNOWN, fit=fit, trajectory=joint, **widened)
+        assert [each.code for each in prior_findings(evidence)] == [code]

@@ -20,9 +20,6 @@ from ident.judgement.checks import ContactCheck
 from ident.judgement.model_fit import delay_check
 from ident.judgement.unmodelled import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.setup import PRIORS
-
-EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
 def with_wrench(recording, change):
@@ -44,20 +41,17 @@ def test_a_clipped_force_is_named_and_left_out_where_it_is():
     assert estimate.checks.weight.measured == pytest.approx(PENDULUM.mass, rel=0.005)
 
 
-def quick(mechanism, recording, **options):
-    return ident.identify(mechanism, recording, estimator="weighted", cutoff=8.0, **options)
-
-
-@pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
+@pytest.mark.parametrize("steps", [{}, {"forces": 3.0, "moments": 0.3}])
 def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
-    for seed in range(3):
+    for seed in range(2):
         assert not prepared(PENDULUM, recorded(seed, speed=1, noise=1, **steps)).clipped
 
 
 def test_steps_that_are_most_of_the_noise_are_named():
     coarse = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
     fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
-    (finding,), none = (coded(ident.identify(PENDULUM, each, setup=EXACT), "coarse_steps") for each in (coarse, fine))
+    estimates = (ident.identify(PENDULUM, each, setup=driven_arm.EXACT) for each in (coarse, fine))
+    (finding,), none = (coded(each, "coarse_steps") for each in estimates)
     assert not finding.doubt and not none
     steps = {each["name"]: (pytest.approx(each["step"], rel=1e-3), each["unit"]) for each in finding.values["steps"]}
     angle = 2 * np.pi / 4096, "rad"
@@ -69,9 +63,8 @@ FORCE = 10, 0, 60
 WEIGHT = PENDULUM.mass * 9.81
 
 
-@pytest.mark.parametrize(("spans", "heavier"), [([(1, 2.5)], 0.8), ([(2, 3), (6, 9)], 1), ([(0.5, 6)], 1.25)])
+@pytest.mark.parametrize(("spans", "heavier"), [([(2, 3), (6, 9)], 0.8), ([(0.5, 6)], 1.25)])
 def test_they_are_found_where_they_are(spans, heavier):
-    """Also with a model that is too light or too heavy."""
     model = replace(PENDULUM, prior=heavier * PENDULUM.known)
     contacts = unmeasured_contacts(prepared(model, leaning(spans, FORCE)))
     assert len(contacts) == len(spans)
@@ -81,15 +74,13 @@ def test_they_are_found_where_they_are(spans, heavier):
         assert contact.body == "link2"
 
 
-@pytest.mark.parametrize(
-    ("explained", "distance", "body"), [(0.81, 1, "link2"), (0.79, 0.11, "link2"), (0.79, 0.13, None)]
-)
-def test_a_body_is_named_whose_forces_explain_the_moment_or_pass_near(monkeypatch, explained, distance, body):
-    check = ContactCheck("link2", np.zeros(3), explained, distance)
-    monkeypatch.setattr(unmodelled, "check_contact", lambda *_: check)
+def test_a_body_is_named_whose_forces_explain_the_moment_or_pass_near(monkeypatch):
     log = prepared(PENDULUM, leaning([(1, 2.5)], FORCE))
-    assert unmodelled._body(log, slice(0, 50), np.ones((50, 6))) == body
-    assert unmodelled._body(log, slice(0, 50), np.where(np.arange(6) == 5, np.nan, np.ones((50, 6)))) is None
+    for explained, distance, body in ((0.81, 1, "link2"), (0.79, 0.11, "link2"), (0.79, 0.13, None)):
+        check = ContactCheck("link2", np.zeros(3), explained, distance)
+        monkeypatch.setattr(unmodelled, "check_contact", lambda *_, check=check: check)
+        assert unmodelled._body(log, slice(0, 50), np.ones((50, 6))) == body
+        assert unmodelled._body(log, slice(0, 50), np.where(np.arange(6) == 5, np.nan, np.ones((50, 6)))) is None
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():
@@ -97,24 +88,26 @@ def test_nothing_is_found_where_the_weight_is_not_measured():
     assert not unmeasured_contacts(prepared(PENDULUM, level))
 
 
-@pytest.mark.parametrize("seed", [3, 17])
-def test_nothing_is_found_where_a_recording_begins_or_ends_in_motion(seed):
+def test_nothing_is_found_where_a_recording_begins_or_ends_in_motion():
     """Fast motion for 8 s, with angles that are noisy for it."""
-    arm, rng = sim.mechanism(scenes.load("arm"), base="base"), np.random.default_rng((seed, 5))
+    arm, rng = sim.mechanism(scenes.load("arm"), base="base"), np.random.default_rng((3, 5))
     t, drawn = np.arange(800) / 100, (len(arm.tree.joints), 4)
     rate = 2 * np.pi * 1.6 * np.array([0.15, 0.31, 0.52, 0.78]) * rng.uniform(0.9, 1.1, drawn)
     size = np.array([0.5, 0.38, 0.26, 0.16]) * rng.uniform(0.3, 1, drawn)
     states = sines(t, size, rate, rng.uniform(0, 2 * np.pi, drawn))
     wrench = ident.base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known
-    q = states[0] + 1e-3 * rng.normal(size=states[0].shape)
     wrench += np.repeat([0.5, 0.05], 3) * rng.normal(size=wrench.shape)
-    channels = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
-    recording = ident.Recording(t, by_joint(arm.tree.joints, position=q) | channels)
+    angles = by_joint(arm.tree.joints, position=states[0] + 1e-3 * rng.normal(size=states[0].shape))
+    recording = ident.Recording(t, angles | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
     assert not unmeasured_contacts(prepared(arm, recording))
 
 
+QUICK = {"estimator": "weighted", "cutoff": 8.0}
+
+
 def test_what_the_model_cannot_explain_is_named_with_the_option_that_leaves_it_out():
-    estimate = quick(sagittal_walker.mechanism(), sagittal_walker.recording(300))
+    person = sagittal_walker.mechanism()
+    estimate = ident.identify(person, sagittal_walker.recording(300), **QUICK)
     (finding,) = coded(estimate, "out_of_plane")
     assert not finding.doubt and finding.values == {"normal": "z", "channels": sagittal_walker.SIDEWAYS}
     assert finding.place.channels == sagittal_walker.SIDEWAYS and "--leave-out Fz Mx My" in finding.text
@@ -136,11 +129,10 @@ def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways(
 
 
 def test_signs_of_plates_are_still_held_against_the_model():
-    """A plate with inverted signs is found by the remaining channels."""
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
-    estimate = quick(person, turned, leave_out=sagittal_walker.SIDEWAYS)
+    estimate = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS, **QUICK)
     (finding,) = coded(estimate, "wrench_sign_or_axes")
     assert finding.values["opposite"] and finding.values["frame"] == "as stated"
     assert finding.place.wrenches == ("right",) and not estimate.verdict().usable

@@ -3,13 +3,12 @@
 import mujoco
 import numpy as np
 import pytest
-from commands import refusal
+from commands import refusal, sentence_of
 from marked import errors, labels_of, marked_person, trial
 from opensim_walker import PLANAR, leg, motion
 from opensim_walker import trial as leg_trial
 
 from experiments.angles import main
-from ident.errors import InputError, ModelError
 from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import grouped, scaled_model, scaling, write_scaled
@@ -17,7 +16,7 @@ from sim.markers.marked_model import base_of, marked_model
 from sim.markers.trial_fit import Kinematics, fit_trial
 from sim.markers.trial_recording import recording, swaps
 
-FRAMES = 60
+FRAMES = 40
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +37,13 @@ def chi_squared(marked, postures, qpos):
     return np.einsum("ni,nij,nj->n", e, np.linalg.inv(postures.covariance), e), e / postures.std
 
 
-def test_without_noise_angles_are_exact_though_nothing_is_known_of_the_first_posture(person):
+def test_angles_are_exact_without_noise_and_else_within_their_covariance(person):
     marked, _, qpos, x = person
-    postures = fit_trial(marked, x)
-    assert np.abs(errors(marked.model, postures.qpos, qpos)).max() < 1e-9
+    postures = fit_trial(marked, x[:20])
+    assert np.abs(errors(marked.model, postures.qpos, qpos[:20])).max() < 1e-9
     assert postures.sigma < 1e-9 and postures.determined.all() and (postures.robust == 1).all()
-
-
-def test_with_noise_angles_are_within_their_covariance(person):
-    marked, _, qpos, x = person
     n, parts = len(marked.dofs), []
-    for seed in range(4):
+    for seed in range(3):
         postures = fit_trial(marked, noisy(x, seed))
         assert postures.sigma == pytest.approx(0.002, rel=0.04)
         parts.append(chi_squared(marked, postures, qpos))
@@ -118,13 +113,19 @@ def test_sides_and_groups_share_a_factor_which_is_a_persons(scaled_person):
     names = grouped(marked.model, alike=True)
     assert ("left_thigh", "right_thigh") in names and ("pelvis",) in names and len(names) == 11
     assert grouped(marked.model, [("abdomen", "thorax")])[0] == ("abdomen", "thorax")
-    with pytest.raises(InputError, match="'thorax' is in two groups"):
-        grouped(marked.model, [("abdomen", "thorax"), ("thorax",)])
-    with pytest.raises(ModelError, match="no body named 'tail'"):
-        grouped(marked.model, [("tail",)])
     tall = scaled_model(marked.model, [("left_thigh", "right_thigh")], np.array([4.0]))
-    with pytest.raises(InputError, match=r"of \w+_thigh would have to be scaled by more than 0\.3 to 3: check unit"):
-        scaling(marked, trial(tall, 3)[2], groups)
+    for call, *given, message in (
+        (grouped, marked.model, [("abdomen", "thorax"), ("thorax",)], "'thorax' is in two groups"),
+        (grouped, marked.model, [("tail",)], "no body named 'tail'"),
+        (
+            scaling,
+            marked,
+            trial(tall, 3)[2],
+            groups,
+            "_thigh would have to be scaled by a factor above 3, up or down: check",
+        ),
+    ):
+        assert message in sentence_of(call, *given)
 
 
 def test_the_written_model_is_the_scaled_one(scaled_person, tmp_path):
@@ -146,10 +147,10 @@ def test_frames_without_markers_and_joints_without_any(person):
     base = base_of(marked.model, None)
     angles = recording(fit_trial(marked, y), time, base)
     assert base == "pelvis" and angles.base.shape == (30, 4, 4)
-    assert "left_toes_position" not in angles.measured and "left_wrist_flexion_position" not in angles.measured
+    assert not {"left_toes_position", "left_wrist_flexion_position"} & angles.measured.keys()
     assert "The markers do not determine joint 'left_toes', which has no channel." in angles.notes
-    assert "Joint 'left_knee' is interpolated in 3 frames that do not determine it." in angles.notes
-    assert "The base is interpolated in 3 frames that do not determine it." in angles.notes
+    for what in ("Joint 'left_knee'", "The base"):
+        assert f"{what} is interpolated in 3 frames that do not determine it." in angles.notes
     knee = qpos[:, marked.model.joint("left_knee").qposadr[0]]
     there = np.delete(np.arange(30), [10, 11, 12])
     np.testing.assert_allclose(angles["left_knee_position"][there], knee[there], atol=1e-9)

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, by_mujoco, closed, read, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, PARALLELOGRAM, ROCKER, by_mujoco, closed, read, text
 from mechanisms import by_joint, sines
 
 import ident
@@ -101,6 +101,17 @@ def test_axes_of_loops_that_are_nearly_parallel_count_as_parallel(joint, angle):
     assert base.rank == exact.rank == 15 and base.gap[1] < 1e-11
     if joint != "crank":
         np.testing.assert_allclose(base.beta, exact.beta, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", ["crank", "rocker"])
+@pytest.mark.parametrize("angle", [6e-3, 0.01, 0.03])
+def test_axes_of_loops_that_are_less_nearly_parallel_are_named(joint, angle):
+    """They may leave no motion, or one out of the plane, and with it base parameters of their own."""
+    _, notes = notes_of(FOUR_BAR.replace(f'name="{joint}" axis="0 1 0', f'name="{joint}" axis="0 1 {angle}'))
+    (note,) = (each for each in notes if "parallel" in each)
+    off = f"{joint if joint != 'crank' else 'rod'} {angle:.2g} rad"
+    assert "Axes in loops that are not quite parallel are taken as drawn" in note and off in note
+    assert note.endswith("Where parallel ones are meant, give them the same axis.")
 
 
 @pytest.mark.parametrize(
@@ -205,12 +216,26 @@ def log_of(names=("crank",), q=(SWING, SWING), more=()):
 def coupled(*equality):
     """A crank and its rod, coupled by polynomials."""
     links = {"rod": 'joint1="rod" joint2="crank"', "crank": 'joint1="crank" joint2="rod"'}
-    rows = (f'<joint name="{name}" {links[of]} polycoef="{slope} 0 0 0"/>' for name, of, slope in equality)
+    rows = (f'<joint name="{name}" {links[of]} polycoef="{curve}"/>' for name, of, curve in equality)
     return text(CRANK, "".join(rows))
 
 
 BEYOND, INFINITE = (FOUR_BAR.replace("0.3 0 0.12", anchor) for anchor in ("0.3 0 -0.08", "1e300 0 0"))
 TWICE, AROUND = (coupled(("a", "rod", "0 1"), other) for other in (("b", "rod", "0 2"), ("b", "crank", "0.1 1")))
+# Two that agree in the model's posture alone; and a third that agrees, of other joints or with a joint of its own.
+CURVED = coupled(("a", "rod", "0 1"), ("b", "rod", "0 1 0.2"))
+GEAR = '<joint name="c" joint1="flap" joint2="rocker"/>'
+DIFFERENTIAL = '<tendon name="c" tendon1="both" tendon2="third"/>'
+CONTRARY = "The constraints a, b contradict each other: no motion of crank, rod satisfies all of them. Leave"
+
+
+def beside(third):
+    """The links of sums, of which a crank and its rod are coupled by two that contradict each other, and others."""
+    start, rest = MODELS["sums"][0].split("<equality>")
+    two = TWICE[TWICE.index("<equality>") : TWICE.index("</equality>")]
+    return f"{start}{two}{third}{rest[rest.index('</equality>') :]}".replace('"crank" coef', '"flap" coef')
+
+
 STEEP, RIGID = coupled(("a", "rod", "0 1e9")), FOUR_BAR.replace("<connect", "<weld")
 SKEW = FOUR_BAR.replace('name="rocker" axis="0 1 0"', 'name="rocker" axis="0.02 1 0"')
 APART = text(CRANK + ROCKER.replace("<inertial", '<site name="end" pos="0 0 2"/><inertial'), "").replace(
@@ -225,8 +250,10 @@ TWO = "crank", "rod"
     [
         (BEYOND, log_of(q=[2.5 * np.sin(T)]), r"The loops of 'pin' cannot be closed at 0\.\d+ s: .* m remain\. Check"),
         (PARALLELOGRAM, log_of(q=[1.1 * T]), SINGULAR),
-        (TWICE, log_of(TWO), "The constraints a, b contradict each other: they leave crank, rod no motion"),
-        (AROUND, log_of(), "The constraints a, b contradict each other: no posture satisfies all of them"),
+        (TWICE, log_of(TWO), CONTRARY),
+        (AROUND, log_of(), CONTRARY),
+        *((beside(third), log_of(), CONTRARY) for third in (GEAR, DIFFERENTIAL)),
+        (CURVED, log_of(), CONTRARY),
         (APART, log_of(TWO), "The loops of 'far' cannot be closed in the model's posture: "),
         (FOUR_BAR, log_of(more=["rod"]), "Loops make 'rod' depend on crank: its torque or command cannot be used"),
         (
@@ -259,6 +286,13 @@ def test_a_dependent_ball_joint_needs_no_columns_and_rests_with_the_joints_that_
         np.testing.assert_allclose(*ends, atol=1e-9)
 
 
+def test_loops_that_a_fixed_joint_holds_rest_beside_others_that_move():
+    fingers = GRIPPER.replace('<joint name="same" joint1="right_driver" joint2="left_driver"/>', "")
+    arm = read(fingers, fix={"left_driver": [0.1]})
+    assert arm.tree.joints == ("right_driver", "right_finger", "right_link")
+    assert [row.name for row in arm.constraints.rows] == ["right_pin"]
+
+
 def test_joints_that_actuators_drive_through_a_tendon_are_independent():
     both = "".join(f'<joint joint="{side}_driver" coef="0.5"/>' for side in ("left", "right"))
     split = f'<tendon><fixed name="split">{both}</fixed></tendon><actuator><motor tendon="split"/></actuator>'
@@ -272,8 +306,8 @@ def test_joints_in_loops_that_springs_alone_hold_are_named():
     sprung = FIVE_BAR.replace('name="right" axis', 'name="right" stiffness="0.05" axis')
     sprung = sprung.replace("<sensor>", '<actuator><motor joint="crank"/></actuator><sensor>')
     (arm, notes), (fixed, fewer) = notes_of(sprung), notes_of(sprung, fix=["right"])
-    (note,) = set(notes) - set(fewer)
-    assert "Constraints and actuators leave right free, which only springs, " in note and "--fix" in note
+    (note,) = (each for each in notes if "Constraints and actuators leave right free, which only springs, " in each)
+    assert "--fix" in note and note not in fewer
     assert arm.loose == ("right",) == arm.closed(["rod", "arm"]).loose and fixed.loose == ()
     assert fixed.closed(["rod", "arm"]).tree.joints == ("crank",)
 

@@ -5,11 +5,10 @@ import pytest
 from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist, unhat
 from scipy.linalg import expm
 
+from ident import Mechanism, Motion
 from ident.geometry import se3
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
 from ident.model import dim
 
 
@@ -68,7 +67,6 @@ def test_equations_9_and_11_are_the_rates_of_energy_and_of_momentum(tree, state,
     """Power of the joints' torques, and the ground's wrench without gravity."""
 
     def bodies(t):
-        """Pose, twist and φ of each body."""
         q, dq = moved_states(tree, *state, t)
         T, (_, V, _) = tree.poses(q), dim.forward_recursion(Mechanism(tree, GRAVITY), Motion(q, dq, state[2]))
         return [(T[i], V[i], own) for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True)]

@@ -7,10 +7,8 @@ import pytest
 from closeness import close
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
 
-from ident.errors import InputError
+from ident import BaseMotion, InputError, Mechanism, Motion
 from ident.geometry.se3 import pose
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import dim, regressor
 from ident.model.regressor import CHUNK, base_wrench_regressor, inverse_dynamics, joint_torque_regressor, pulled_back
 
@@ -21,8 +19,7 @@ def moving_base(rng, samples):
     return BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))
 
 
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "moving"), [(0, False), (1, True), (2, True)])
 def test_regressors_are_the_papers_recursion_for_each_sample(seed, moving):
     """Long recordings run a program, short ones are evaluated sample by sample; bases rest or move."""
     rng, number = np.random.default_rng(seed), regressor.FEW
@@ -53,21 +50,15 @@ def test_what_the_geometry_makes_zero_or_constant_is_not_computed():
     assert abs(Y[:, 0]).max() < 1e-12 < abs(Y[:, 1:]).max(axis=(0, 2)).min()
 
 
-@pytest.mark.parametrize("samples", [3, 70])
-def test_memory_is_used_again(samples):
+def test_memory_is_used_again_or_refused_with_what_differs():
     tree, other = double_pendulum(), double_pendulum(tilted_axis(5, 10), tilted_axis(7, 40))
-    states = random_states(np.random.default_rng(0), tree, samples)
-    expected, memory = (base_wrench_regressor(each, *states, gravity=GRAVITY) for each in (tree, other))
-    for out in (memory, np.empty((30, 6, samples)).T):
-        computed = base_wrench_regressor(tree, *states, gravity=GRAVITY, out=out)
-        assert np.shares_memory(computed, out)
-        np.testing.assert_array_equal(computed, expected)
-
-
-def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
-    tree = double_pendulum()
-    states = random_states(np.random.default_rng(0), tree, 70)
-    memory = base_wrench_regressor(tree, *states, gravity=GRAVITY)
+    for samples in (3, 70):
+        states = random_states(np.random.default_rng(0), tree, samples)
+        expected, memory = (base_wrench_regressor(each, *states, gravity=GRAVITY) for each in (tree, other))
+        for out in (memory, np.empty((30, 6, samples)).T):
+            computed = base_wrench_regressor(tree, *states, gravity=GRAVITY, out=out)
+            assert np.shares_memory(computed, out)
+            np.testing.assert_array_equal(computed, expected)
     read_only = memory[:]
     read_only.flags.writeable = False
     for wrong, what in (
@@ -95,8 +86,7 @@ def test_inverse_dynamics_are_those_of_the_regressors(moving, samples):
         close(computed, of(tree, *states, gravity=GRAVITY, base=base) @ phi)
 
 
-@pytest.mark.parametrize("torques", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "torques"), [(0, False), (1, True), (2, True)])
 def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques):
     rng, step = np.random.default_rng(seed), 1e-6
     tree, gravity, of = random_tree(rng), rng.normal(size=3), BOTH[torques]

@@ -10,6 +10,7 @@ from commands import sentence_of
 from mechanisms import random_phi
 from opensim_files import Joint, coordinate, document
 from opensim_walker import PHI
+from test_urdf import ARM
 
 import scenes
 from sim.models.model_mechanism import mechanism
@@ -17,13 +18,15 @@ from sim.models.model_update import updated_spec, write_model
 from sim.models.mujoco_model import parameters_from_model
 from sim.models.urdf import model_from_urdf
 
+pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
 <default><default class="c"><joint damping="0.123456789"/></default></default>
 <worldbody><geom name="floor" type="plane" size="1 1 1"/><body name="base" pos="0.123456789 0 1">
 <geom size=".1"/><body pos="0 0 0.3333333333"><joint class="c" name="u" axis="1 0.123456789 0"/><geom size=".1"/>
-<site name="tip" pos="0.987654321 0 0"/><frame pos="0 0 1"><body name="hand"><inertial pos=".1 0 0" mass="1.5"
-fullinertia=".2 .3 .4 .01 0 0"/><joint name="w" axis="0 1 0"/></body></frame></body></body>
-<body name="other" pos="2 0 0"><inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .1"/><geom size=".2"/></body>
+<site name="tip" pos="0.987654321 0 0"/><frame pos="0 1 0" euler="0 1.5 0"><frame euler="0.5 0 0">
+<body name="hand" pos="0.3 0.1 0"><inertial pos=".1 0 0" mass="1.5" fullinertia=".2 .3 .4 .01 0 0"/>
+<joint name="w" axis="0 1 0"/></body></frame></frame></body></body>
+<body name="other"><inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .1"/><geom size=".2"/></body>
 </worldbody></mujoco>"""
 OVERRIDES = ("", ' inertiafromgeom="true"', ' boundmass="1.7" boundinertia=".3"', ' balanceinertia="true"')
 
@@ -83,18 +86,6 @@ def test_what_cannot_be_updated_is_refused_in_a_sentence(written, tmp_path):
 
 
 SHIFT = np.array([0.012, 0.0, -0.003])
-DISPLACED_MJCF = """<mujoco><compiler angle="degree"/><worldbody><body name="root">
-<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<frame pos="0 1 0" euler="0 90 0"><frame euler="30 0 0"><body name="arm" pos="0.3 0.1 0">
-<joint name="elbow" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<body name="hand"><joint name="wrist"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>
-</body></frame></frame></body></worldbody></mujoco>"""
-LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
-</inertial></link>"""
-DISPLACED_URDF = f"""<robot name="r">{LINK.format("root")}{LINK.format("arm")}{LINK.format("hand")}
-<joint name="elbow" type="continuous"><origin rpy="0 0.5 0"  xyz="0.30  1e-1 2" /><parent link="root"/>
-<child link="arm"/></joint><joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
-<axis xyz="0 0 1"/></joint></robot>"""
 
 
 def check(path, new, displaced, base=None):
@@ -109,22 +100,23 @@ def check(path, new, displaced, base=None):
 
 
 def test_mjcf_bodies_in_turned_frames_or_without_a_place(written, tmp_path):
-    check(written("a.xml", DISPLACED_MJCF), tmp_path / "b.xml", {"arm": SHIFT, "hand": 2 * SHIFT})
+    path = written("a.xml", MJCF.format(compiler=""))
+    check(path, tmp_path / "b.xml", {"body2": SHIFT, "hand": 2 * SHIFT, "other": 3 * SHIFT})
+    check(path, tmp_path / "b.xml", {"body2": SHIFT}, "base")
     check(scenes.load("arm"), tmp_path / "c.xml", {"fore": SHIFT})
-    check(written("a.xml", MJCF.format(compiler="")), tmp_path / "b.xml", {"body2": SHIFT}, "base")
 
 
 def test_urdf_joints_keep_every_other_byte(written, tmp_path):
-    path, new = written("a.urdf", DISPLACED_URDF), tmp_path / "b.urdf"
-    check(path, new, {"arm": SHIFT}, "root")
-    expected = DISPLACED_URDF.replace('xyz="0.30  1e-1 2"', f'xyz="{0.3 + 0.012!r}  1e-1 {2 - 0.003!r}"')
-    assert new.read_text() == expected
-    check(path, new, {"hand": SHIFT}, "root")
-    assert re.sub(r'<origin xyz="[^"]*"/>', "", new.read_text()) == DISPLACED_URDF
+    text = ARM.replace('<parent link="root"/>', '<origin rpy="0 0.5 0"  xyz="0.30  1e-1 2" /><parent link="root"/>')
+    path, new = written("a.urdf", text), tmp_path / "b.urdf"
+    check(path, new, {"lean": SHIFT}, "root")
+    expected = text.replace('xyz="0.30  1e-1 2"', f'xyz="{0.3 + 0.012!r}  1e-1 {2 - 0.003!r}"')
+    assert new.read_bytes().decode() == expected
+    check(path, new, {"bare": SHIFT}, "root")
+    assert re.sub(r'<origin xyz="[^"]*"/>', "", new.read_bytes().decode()) == text
 
 
 @pytest.mark.parametrize("version", [3, 4])
-@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 def test_opensim_joints_move_with_their_frames(written, version):
     turned = np.array([0.1, -0.4, 0.2])
     joints = [

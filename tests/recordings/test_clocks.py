@@ -14,6 +14,12 @@ from ident.geometry.se3 import pose
 from ident.recordings.times import Sampled, interpolated_poses, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
+R = recording()
+ANGLES = {"time": R.time, "joint1": R["joint1_position"], "joint2": R["joint2_position"]}
+FORCES = {"time": R.time} | vector("ground_f{}", R["ground_force"]) | vector("ground_m{}", R["ground_torque"])
+FORCES = {name: x[1::2] for name, x in FORCES.items()}
+PLATE = {"frame": "plate", "position": [0, 0, 0], "force": ["ground_fx", "ground_fy", "ground_fz"]}
+FREE = {"point": ["x", 0.0, 0.0], "free_moment": ["", "", "ground_mz"]}
 
 
 def slow(time):
@@ -24,6 +30,7 @@ def slow(time):
 def test_channels_of_several_clocks_meet_at_uniform_times():
     jittered = T + np.random.default_rng(0).uniform(-2e-3, 2e-3, N)
     streams = {"hip_position": (jittered, 3 * jittered), "ground_force": (FAST, slow(FAST))}
+    streams["knee_position"] = T[::2], np.sin(T[::2])  # The fastest joint's rate is that of all.
     recording = ident.Recording.from_streams(streams, units={"ground_force": "N"})
     assert recording.rate == pytest.approx(100, rel=0.01) and recording.units == {"ground_force": "N"}
     assert (recording.time[0], recording.time[-1]) == (FAST[0], pytest.approx(jittered[-1], abs=0.011))
@@ -42,12 +49,12 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
 
 
 def test_streams_beside_each_other_have_the_times_of_all():
-    one, two = Sampled(T[::2], T[::2]), Sampled(T[1:4], slow(T[1:4]))
+    one, two = Sampled(T[:6:2], T[:6:2]), Sampled(T[1:4], slow(T[1:4]))
     time, values = side_by_side([one, two])
-    np.testing.assert_array_equal(time, np.unique(np.r_[T[::2], T[1:4]]))
-    np.testing.assert_array_equal(values[np.isfinite(values[:, 0]), 0], T[::2])
-    np.testing.assert_array_equal(values[1:4, 1:], slow(T[1:4]))
-    assert np.isnan(values[[0, 4, 5], 1:]).all() and side_by_side([one, one]).time is one.time
+    np.testing.assert_array_equal(time, T[:5])
+    np.testing.assert_array_equal(values[:, 0], np.where(np.arange(5) % 2, np.nan, T[:5]))
+    np.testing.assert_array_equal(values[:, 1:], np.vstack([[np.nan] * 3, slow(T[1:4]), [np.nan] * 3]))
+    assert side_by_side([one, one]).time is one.time
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
@@ -70,31 +77,21 @@ def test_a_log_may_have_gaps_where_that_is_said(tmp_path):
         read(tmp_path, text(columns | {"ground_fz": np.where(T < 0.345, np.nan, T)}), gaps=True)
 
 
-def angles():
-    """Columns of the file of angles, at 100 Hz."""
-    r = recording()
-    return {"time": r.time, "joint1": r["joint1_position"], "joint2": r["joint2_position"]}
+@pytest.fixture
+def pair(tmp_path):
+    """A function that writes a file of angles at 100 Hz and one of forces at 50 Hz, and returns their log."""
 
+    def write(angles=ANGLES, forces=FORCES):
+        return "+".join(str(write_csv(tmp_path / f"{name}.csv", x)) for name, x in (("q", angles), ("f", forces)))
 
-def forces():
-    """Columns of the file of forces, at their own rate."""
-    r = recording()
-    columns = {"time": r.time, **vector("ground_f{}", r["ground_force"]), **vector("ground_m{}", r["ground_torque"])}
-    return {name: x[1::2] for name, x in columns.items()}
-
-
-def pair(tmp_path, first=None, second=None):
-    """Writes both files, and returns their log."""
-    write_csv(tmp_path / "joints.csv", first or angles())
-    write_csv(tmp_path / "wrench.csv", second or forces())
-    return f"{tmp_path / 'joints.csv'}+{tmp_path / 'wrench.csv'}"
+    return write
 
 
 @pytest.mark.extras
-def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
-    expected = read_log(pair(tmp_path), arm())
-    write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
-    for first, second in (("wrench.csv", "joints.csv"), ("ik.mot", "wrench.csv"), ("wrench.csv", "ik.mot")):
+def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path, pair):
+    expected = read_log(pair(), arm())
+    write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in ANGLES.items()})
+    for first, second in (("f.csv", "q.csv"), ("ik.mot", "f.csv"), ("f.csv", "ik.mot")):
         read = read_log(f"{tmp_path / first}+{tmp_path / second}", arm())
         assert read.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
@@ -102,53 +99,38 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
 
 
 @pytest.mark.extras
-def test_common_times_are_those_of_the_fastest_joint(tmp_path):
-    first, second = ({name: x for name, x in angles().items() if name != own} for own in ("joint2", "joint1"))
-    log = read_log(pair(tmp_path, first, {name: x[::2] for name, x in second.items()}), arm())
+def test_common_times_are_those_of_the_fastest_joint(pair):
+    first, second = ({name: x for name, x in ANGLES.items() if name != own} for own in ("joint2", "joint1"))
+    log = read_log(pair(first, {name: x[::2] for name, x in second.items()}), arm())
     assert log.rate == pytest.approx(100) and log.streams.keys() == {"joint1_position", "joint2_position"}
 
 
-PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
-FREE = 'point = ["x", 0.0, 0.0]\nfree_moment = ["", "", "ground_mz"]'
-TIME = angles()["time"]
-CONTRADICTIONS = [
-    ({}, {"time": TIME[1::2] + 1.7e9}, "", "clock, but they begin on different days"),
-    ({}, {"time": TIME[1::2] + 60}, "", "need a time that all of them cover"),
-    ({}, {"joint2": TIME[1::2]}, "", "joint 'joint2' needs a column of its positions"),
-    ({}, {"t": TIME[1::2]}, "", "wrench.csv: it needs one column of times, time or t"),
-    ({}, {}, 'time = ["t", "t", "t"]', "describes 3 files (time), but this log has 2"),
-    ({}, {}, 3 * "[[file]]\n", "describes 3 files ([[file]]), but this log has 2"),
-    ({}, {}, 'time = "stamp"', "joints.csv: it needs times in a column 'stamp'"),
-    ({}, {}, "time = []", "time needs the column of times of each file"),
-    ({}, {}, "[select]\nrows = [1, 50]", "[select] rows are those of one table"),
-    (
-        {"Fx": TIME},
-        {},
-        '[wrenches.ground]\nforce = ["Fx", "", "ground_fz"]',
-        "'Fx' and 'ground_fz' have times",
-    ),
-    ({"x": TIME}, {}, f"[wrenches.ground]\n{PLATE}{FREE}", "columns of the same times, its point has its own"),
-]
+@pytest.mark.extras
+def test_files_that_contradict_each_other_are_one_sentence(pair):
+    for more, more_forces, mapping, sentence in (
+        ({}, {"time": FORCES["time"] + 1.7e9}, {}, "clock, but they begin on different days"),
+        ({}, {"time": FORCES["time"] + 60}, {}, "need a time that all of them cover"),
+        ({}, {"joint2": FORCES["time"]}, {}, "joint 'joint2' needs a column of its positions"),
+        ({}, {"t": FORCES["time"]}, {}, "f.csv: it needs one column of times, time or t"),
+        ({}, {}, {"time": ["t", "t", "t"]}, "describes 3 files (time), but this log has 2"),
+        ({}, {}, {"time": "stamp"}, "q.csv: it needs times in a column 'stamp'"),
+        ({}, {}, {"time": []}, "time needs the column of times of each file"),
+        ({}, {}, {"select": {"rows": [1, 50]}}, "[select] rows are those of one table"),
+        ({"x": R.time}, {}, {"wrenches": {"ground": {"force": ["x", "", "ground_fz"]}}}, "'ground_fz' have times"),
+        ({"x": R.time}, {}, {"wrenches": {"ground": PLATE | FREE}}, "of the same times, its point has its own"),
+    ):
+        assert sentence in sentence_of(read_log, pair(ANGLES | more, FORCES | more_forces), arm(), mapping)
 
 
 @pytest.mark.extras
-@pytest.mark.parametrize(("first", "second", "mapping", "sentence"), CONTRADICTIONS, ids=[x[3] for x in CONTRADICTIONS])
-def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, first, second, mapping, sentence):
-    (tmp_path / "columns.toml").write_text(mapping, encoding="utf-8")
-    log = pair(tmp_path, angles() | first, forces() | second)
-    assert sentence in sentence_of(read_log, log, arm(), tmp_path / "columns.toml")
-
-
-@pytest.mark.extras
-def test_files_that_cannot_be_put_together(tmp_path):
-    joints, _ = pair(tmp_path).split("+")
+def test_files_that_cannot_be_put_together(tmp_path, pair):
+    joints, _ = pair().split("+")
     for name, columns, sentence in (
-        (f"{joints}+{joints}", None, "is made of different files, but joints.csv is given twice"),
+        (f"{joints}+{joints}", None, "is made of different files, but q.csv is given twice"),
         (f"{joints}+{tmp_path / 'none.csv'}", None, "none.csv: there is no such file"),
-        (f"{joints}+", None, "joints.csv+: there is no such file"),
+        (f"{joints}+", None, "q.csv+: there is no such file"),
         (f"{joints}+{tmp_path / 'run.bag'}", None, "a bag counts its times from its first message"),
         (joints, {"file": [{}, {}]}, "describes 2 files ([[file]]), but this log has 1"),
-        (joints, {"time": ["time", "time"]}, "describes 2 files (time), but this log has 1"),
     ):
         assert sentence in sentence_of(read_log, name, arm(), columns)
 

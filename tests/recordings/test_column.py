@@ -1,6 +1,5 @@
 """Units of columns, against the constants of physics, wrapped angles, computed columns, and selected rows and times."""
 
-import gzip
 import re
 
 import numpy as np
@@ -12,6 +11,10 @@ from ident import LogError, read_log
 from ident.files.table import UNITS
 from ident.recordings.channels import unwrapped
 from ident.recordings.stated import couplings
+
+TIME = np.arange(900) / 100
+ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
+DEG, TURN = 180 / np.pi, 2 * np.pi
 
 
 def test_gain_constant_and_unit(tmp_path):
@@ -72,18 +75,6 @@ def test_selected_rows_and_times_and_a_wrong_stamp_among_them(tmp_path):
         read(tmp_path, PLAIN, two)
 
 
-def test_packed_text_is_undamaged_and_unpacks_to_no_more_than_is_expected(tmp_path):
-    path, header, packed = tmp_path / "log.csv.gz", "time,q_ankle,q_hip\n", gzip.compress(text(PLAIN).encode())
-    for content in (header + 100_000 * "0.0,0.0,0.0\n", header + "0" * 2_000_000):
-        path.write_bytes(gzip.compress(content.encode()))
-        with pytest.raises(LogError, match=r"takes 1 MB in memory where at most 0 MB .*--max-size"):
-            read_log(path, LEG, limit=500_000)
-    for damaged in (packed[:-9], packed[: len(packed) // 2], b"\x1f\x8b" + bytes(40), b"time", packed[:40] + b"!" * 60):
-        path.write_bytes(damaged)
-        with pytest.raises(LogError, match=r"log\.csv\.gz: the file needs to be packed by gzip, whole and undamaged"):
-            read_log(path, LEG)
-
-
 SI = {"rad": 1.0, "deg": constants.degree, "rpm": 2 * constants.pi / constants.minute, "s": 1.0, "ms": constants.milli}
 SI |= {"us": constants.micro, "ns": constants.nano, "N": 1.0, "mN": constants.milli, "kN": constants.kilo, "m": 1.0}
 SI |= {"cm": constants.centi, "mm": constants.milli, "1": 1.0}
@@ -101,16 +92,10 @@ def test_units_are_what_they_are_in_si(quantity):
     assert next(iter(UNITS[quantity].values())) == 1
 
 
-TIME = np.arange(900) / 100
-ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
-DEG, TURN = 180 / np.pi, 2 * np.pi
-
-
-def read_hip(hip, entry=None, **more):
-    """The log of a leg with this entry for its hip, whose ankle does not turn around."""
-    joints = {"hip": {"position": {"column": "a", **(entry or {})}}, "ankle": {"position": "b"}}
-    joints["hip"] |= {"command": "u", "kp": 5} if more else {}
-    return read_log({"time": TIME, "a": hip, "b": 0.1 * ANGLE, **more}, LEG, {"joints": joints})
+def read_hip(columns, **entries):
+    """The log of a leg with these entries for its hip, whose ankle does not turn around."""
+    joints = {"hip": entries, "ankle": {"position": "b"}}
+    return read_log({"time": TIME, "b": 0.1 * ANGLE, **columns}, LEG, {"joints": joints})
 
 
 @pytest.mark.parametrize("lowest", [0.0, -0.5])
@@ -122,11 +107,10 @@ def read_hip(hip, entry=None, **more):
         (4096 / TURN, 4096.0, {"gain": TURN / 4096}),
         (5 * DEG, 360.0, {"unit": "deg", "gain": 0.2}),
     ],
-    ids=["rad", "turned", "counts", "before a gear"],
 )
 def test_wrapped_angles_are_read_as_continuous(lowest, factor, turn, entry):
     x = (factor * ANGLE - lowest * turn) % turn + lowest * turn
-    log = read_hip(x, entry)
+    log = read_hip({"a": x}, position={"column": "a", **entry})
     shift, number = log["hip_position"] - ANGLE, int((np.abs(np.diff(x)) > turn / 2).sum())
     assert number and np.abs(shift - shift[0]).max() < 1e-6
     (note,) = (note for note in log.notes if "whole turn" in note)
@@ -134,17 +118,14 @@ def test_wrapped_angles_are_read_as_continuous(lowest, factor, turn, entry):
     np.testing.assert_allclose(log["ankle_position"], 0.1 * ANGLE, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "x",
-    [ANGLE, np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, ANGLE + 6.28, ANGLE), 10 * ANGLE],
-    ids=["no jump", "a step", "a spike", "several turns"],
-)
-def test_what_is_no_wrapped_angle_is_unchanged(x):
-    out, number = unwrapped(x, (TURN,))
-    spike = np.abs(out - ANGLE).max() < 0.01
-    assert (number == 0 and out is x) or (spike and number == 2)
+def test_steps_spikes_and_several_turns_are_no_wrapped_angles():
+    step, spike = np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, ANGLE + 6.28, ANGLE)
+    for x in (ANGLE, step, spike, 10 * ANGLE):
+        out, number = unwrapped(x, (TURN,))
+        assert out is x and number == 0
 
 
 def test_commands_are_in_the_turn_of_their_positions():
-    log = read_hip(ANGLE % TURN, u=(ANGLE - ANGLE[0] - 0.01) % TURN)
+    columns = {"a": ANGLE % TURN, "u": (ANGLE - ANGLE[0] - 0.01) % TURN}
+    log = read_hip(columns, position="a", command="u", kp=5)
     assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi

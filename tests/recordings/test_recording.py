@@ -1,13 +1,16 @@
 """Recordings in files, read whole and piece by piece."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import sentence_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from same_recording import assert_same_recording
 
-from ident import Body, InputError, LogError, Mechanism, Recording, Sensor, Tree, read_log
+from ident import Body, LogError, Mechanism, Recording, Sensor, Tree, read_log
 from ident.geometry import se3
 from ident.mechanism.body import Follower
 from ident.recordings.stated import Servo, Tracker
@@ -23,6 +26,7 @@ CHANNELS = {
     "plate_force": RNG.normal(size=(20, 3)) * [1, np.nan, 1],
     "plate_torque": RNG.normal(size=(20, 3)),
 }
+LINKS = (("upper", "shoulder"), ("fore", "elbow"), ("hand", "wrist"))
 SCREW = np.array([0.1, 0.2, 0.3, 0, 0.6, 0.8])
 PLATE = Sensor("arm", se3.exp(SCREW, 0.7), applied_to_link=False)
 STATED = {
@@ -39,12 +43,8 @@ STATED = {
     "servos": {"shoulder": Servo(50.0, 1.0)},
     "provenance": {"scene": 'arm, and "more"', "seed": 3, "nested": {"a": [1, 2.5, None]}},
 }
-MORE = {
-    "units": {"plate_force": "N", "elbow_position": "rad"},
-    "noise": {"plate_force": 0.1, "elbow_position": 0.01},
-    "notes": ["one", "two, three"],
-    "unused": ["remark"],
-}
+UNITS, NOISE = {"plate_force": "N", "elbow_position": "rad"}, {"plate_force": 0.1, "elbow_position": 0.01}
+MORE = {"units": UNITS, "noise": NOISE, "notes": ["one", "two, three"], "unused": ["remark"]}
 TRUE = {name: x + 1 for name, x in CHANNELS.items()}
 BASE = se3.exp(SCREW, RNG.normal(size=20))
 RECORDING = Recording(np.arange(20) / 3, CHANNELS, TRUE, sensors={"plate": PLATE}, base=BASE, **STATED, **MORE)
@@ -54,25 +54,13 @@ RECORDING = Recording(np.arange(20) / 3, CHANNELS, TRUE, sensors={"plate": PLATE
 def test_saving_and_loading_lose_nothing(tmp_path, suffix):
     for recording in (RECORDING, Recording(RECORDING.time, CHANNELS)):
         recording.save(tmp_path / f"r.{suffix}")
-        loaded = Recording.load(tmp_path / f"r.{suffix}")
-        np.testing.assert_array_equal(loaded.time, recording.time)
-        np.testing.assert_array_equal(loaded.base, recording.base)
-        for kind in ("measured", "true"):
-            own, expected = getattr(loaded, kind), getattr(recording, kind)
-            assert list(own) == list(expected)
-            for name, x in expected.items():
-                np.testing.assert_array_equal(own[name], x)
-        assert [getattr(loaded, name) for name in STATED | MORE] == [getattr(recording, name) for name in STATED | MORE]
-        for name, sensor in recording.sensors.items():
-            np.testing.assert_array_equal(loaded.sensors[name].pose, sensor.pose)
-            assert (loaded.sensors[name].body, loaded.sensors[name].applied_to_link) == ("arm", False)
+        assert_same_recording(Recording.load(tmp_path / f"r.{suffix}"), recording)
         assert [p.name for p in tmp_path.iterdir()] == [f"r.{suffix}"]
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])
 def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix):
-    names, joints = ("upper", "fore", "hand"), ("shoulder", "elbow", "wrist")
-    bodies = [Body(name, k - 1, np.eye(4), np.eye(6)[4], joints[k]) for k, name in enumerate(names)]
+    bodies = [Body(name, k - 1, np.eye(4), np.eye(6)[4], joint) for k, (name, joint) in enumerate(LINKS)]
     arm, path = Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81])), tmp_path / f"r.{suffix}"
     x = np.linspace(0, 1, 50)
     measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
@@ -112,12 +100,10 @@ LATE = [
     ("9,inf", "row 11, column 'a' needs a finite number, got inf"),
     ("9", "row 11 has 1 cells where the header has 2"),
     ("8,1", "row 11, column 'time' needs to increase"),
-    ("9,", "row 11, column 'a' is empty or NaN, as are 1 of"),
 ]
 FAULTS = [
     ("a,b\n1,2\n", "needs a column 'time'; the file has a, b"),
     ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
-    ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
     ("time,a\n", "a recording needs samples, it has none"),
     ("# units: {oops\ntime\n0\n", "row 1 needs 'units' in JSON"),
     ('# sensors: {"a": {"body": 3}}\ntime\n0\n', "sensors.a.body needs a text, got 3"),
@@ -134,30 +120,26 @@ def test_bad_files_name_the_place(tmp_path, text, message):
 
 
 @pytest.mark.parametrize(("row", "message"), LATE)
-@pytest.mark.parametrize("samples", [1, 5, 100])
+@pytest.mark.parametrize("samples", [1, 100])
 def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, samples):
     (tmp_path / "r.csv").write_text(f"{ROWS}{row}\n20,20")
     pieces = Recording.chunks(tmp_path / "r.csv", samples)
     for _ in range(9 // samples):
         next(pieces)
-    with pytest.raises(LogError, match=rf"r\.csv: {message}"):
-        next(pieces)
+    assert f"r.csv: {message}" in sentence_of(next, pieces)
 
 
 def test_files_that_are_no_recordings(tmp_path):
     (tmp_path / "r.npz").write_text("not a zip")
     for name in ("r.npz", "missing.csv", "r.mat"):
-        with pytest.raises(LogError, match=name):
-            Recording.load(tmp_path / name)
-    with pytest.raises(InputError, match=r"as .npz or .csv, got 'r.mat'"):
-        RECORDING.save(tmp_path / "r.mat")
+        assert name in sentence_of(Recording.load, tmp_path / name)
+    assert "as .npz or .csv, got 'r.mat'" in sentence_of(RECORDING.save, tmp_path / "r.mat")
     for more, message in (
-        ({}, r"a recording needs a column 'time'; the file has a\."),
+        ({}, "a recording needs a column 'time'; the file has a."),
         ({"time": np.arange(4.0)}, "arrays need the same number of samples, 'time' has 4 and 'meas"),
     ):
         np.savez(tmp_path / "r.npz", metadata="{}", **{"measured/a": np.ones(5)}, **more)
-        with pytest.raises(LogError, match=rf"r\.npz: {message}"):
-            Recording.load(tmp_path / "r.npz")
+        assert f"r.npz: {message}" in sentence_of(Recording.load, tmp_path / "r.npz")
 
 
 @pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "base:a", "#a", " a", "a\n", "", "12"])
@@ -166,57 +148,45 @@ def test_names_that_a_file_could_not_hold_are_refused(name):
         Recording([0.0], {name: [1.0]}).save("r.csv")
 
 
-CELLS = ["1", "-0.0", "1e-400", "5e-324", "0.1", "1.7976931348623157e308", "9007199254740993"]
-
-
 @pytest.mark.parametrize("odd", ["1", "\u0661", " 7 "])
 def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
-    rows = [f"{k},{cell}" for k, cell in enumerate([*CELLS, odd])]
-    (tmp_path / "r.csv").write_text("\n".join(["time,a", *rows]), encoding="utf-8")
-    a = Recording.load(tmp_path / "r.csv")["a"]
-    np.testing.assert_array_equal(a, [float(cell) for cell in [*CELLS, odd]])
-    assert np.signbit(a[1])
+    cells = ["1", "-0.0", "1e-400", "5e-324", "0.1", "1.7976931348623157e308", "9007199254740993", odd]
+    rows = [f"{k},{cell}\n" for k, cell in enumerate(cells)]
+    (tmp_path / "r.csv").write_text(f"time,a\n{''.join(rows)}", encoding="utf-8")
+    assert Recording.load(tmp_path / "r.csv")["a"].tobytes() == np.array(list(map(float, cells))).tobytes()
 
 
 def random_recording(samples, with_truth=False, seed=0):
     rng = np.random.default_rng(seed)
-    shapes = {"a": (samples,), "force": (samples, 3), "imu": (samples, 6)}
-    scale = 10.0 ** rng.integers(-300, 300, samples)
-    measured = {name: (rng.normal(size=shape).T * scale).T for name, shape in shapes.items()}
+    scale, shapes = 10.0 ** rng.integers(-300, 300, samples), {"a": (), "force": (3,), "imu": (6,)}
+    measured = {name: (rng.normal(size=(samples, *shape)).T * scale).T for name, shape in shapes.items()}
     true = {name: -x for name, x in measured.items()} if with_truth else {}
     return Recording(np.cumsum(rng.uniform(0.1, 1, samples)), measured, true, units={"a": "rad"}, noise={"a": 0.1})
 
 
-def channels(pieces):
-    """All channels of the pieces, joined."""
-    kinds = [{"time": p.time, **p.measured, **{f"true:{k}": x for k, x in p.true.items()}} for p in pieces]
-    assert len({tuple(kind) for kind in kinds}) == 1
-    return {name: np.concatenate([kind[name] for kind in kinds]) for name in kinds[0]}
-
-
-LENGTHS = st.integers(1, 30), st.integers(1, 40)
-
-
 @settings(max_examples=30, deadline=None)
-@given(*LENGTHS, st.sampled_from(["csv", "npz"]), st.booleans(), st.integers(0, 2**32 - 1))
+@given(st.integers(1, 30), st.integers(1, 40), st.sampled_from(["csv", "npz"]), st.booleans(), st.integers(0, 2**32))
 def test_pieces_put_together_are_the_whole(tmp_path_factory, length, samples, suffix, with_truth, seed):
     path = tmp_path_factory.getbasetemp() / f"whole.{suffix}"
     original = random_recording(length, with_truth, seed)
     original.save(path)
-    pieces, expected = list(Recording.chunks(path, samples)), channels([original])
+    pieces = list(Recording.chunks(path, samples))
     assert [len(p.time) for p in pieces] == [min(samples, length - k) for k in range(0, length, samples)]
-    for read in (channels(pieces), channels([Recording.load(path)])):
-        assert list(read) == list(expected)
-        assert all(read[name].tobytes() == x.tobytes() for name, x in expected.items())
-    assert all((piece.units, piece.noise) == (original.units, original.noise) for piece in pieces)
+    measured, true = (
+        {name: np.concatenate([getattr(piece, kind)[name] for piece in pieces]) for name in getattr(original, kind)}
+        for kind in ("measured", "true")
+    )
+    whole = replace(pieces[0], time=np.concatenate([piece.time for piece in pieces]), measured=measured, true=true)
+    for read in (whole, Recording.load(path)):
+        assert_same_recording(read, original)
 
 
 def test_memory_does_not_grow_with_the_text(tmp_path):
     peaks, path = [], tmp_path / "r.csv"
-    for length in (500, 2_000, 6_000):
+    for length in (500, 1_500, 3_000):
         random_recording(length).save(path)
         tracemalloc.start()
-        assert sum(len(piece.time) for piece in Recording.chunks(path, 500)) == length
+        assert sum(len(piece.time) for piece in Recording.chunks(path, 250)) == length
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[2] < 1.1 * peaks[1] and peaks[2] < path.stat().st_size / 2

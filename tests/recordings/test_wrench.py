@@ -58,31 +58,24 @@ def test_equation_15_walked_down_the_tree_gives_equation_17(rng, tree, contacts)
     # The ground, measured in another frame, with opposite sign, and without two of its components.
     plate = random_pose(rng)
     there = transform_wrench(se3.inverse(plate), -ground)
-    measured = Wrench(there, pose=plate, applied_to_link=False)
-    elsewhere = total_wrench(tree, motion.q, measured, by_link(contacts))
+    measured, partial = (
+        Wrench(x, pose=plate, applied_to_link=False) for x in (there, there * [1, np.nan, 1, 1, 1, np.nan])
+    )
+    elsewhere, missing = (total_wrench(tree, motion.q, each, by_link(contacts)) for each in (measured, partial))
     np.testing.assert_array_equal(elsewhere.frame, plate)
     np.testing.assert_allclose(elsewhere.in_base, expected, **close)
-    there[:, [1, 5]] = np.nan
-    partial = total_wrench(tree, motion.q, Wrench(there, pose=plate, applied_to_link=False), by_link(contacts)).values
-    np.testing.assert_array_equal(partial, np.where(np.isnan(there), np.nan, elsewhere.values))
+    np.testing.assert_array_equal(missing.values, elsewhere.values * [1, np.nan, 1, 1, 1, np.nan])
 
 
-def test_a_wrench_applied_to_the_link_has_the_other_sign(rng, tree, contacts):
-    q, ground = random_states(rng, tree, 3)[0], Wrench(rng.normal(size=(3, 6)))
-    to_link = [Wrench(-wrench, body, pose) for body, wrench, pose in contacts]
-    totals = (total_wrench(tree, q, ground, given).values for given in (by_link(contacts), to_link))
-    np.testing.assert_array_equal(*totals)
-
-
-def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, tree, contacts):
+def test_a_wrench_applied_to_the_link_has_the_other_sign_and_no_ground_is_one_of_zero(rng, tree, contacts):
     q, zero = random_states(rng, tree, 3)[0], Wrench(np.zeros((3, 6)), covariance=np.zeros((6, 6)))
-    for given in (by_link(contacts), by_link(contacts, covariance=np.eye(6))):
-        total, exact_zero = (total_wrench(tree, q, ground, given) for ground in (None, zero))
-        np.testing.assert_array_equal(total.values, exact_zero.values)
-        if given[0].covariance is None:
-            assert total.covariance is None
-        else:
-            np.testing.assert_array_equal(total.covariance, exact_zero.covariance)
+    own, certain = by_link(contacts, covariance=np.eye(6)), by_link(contacts)
+    to_link = [Wrench(-wrench, body, pose, covariance=np.eye(6)) for body, wrench, pose in contacts]
+    expected = total_wrench(tree, q, zero, own)
+    for total in (total_wrench(tree, q, None, own), total_wrench(tree, q, zero, to_link)):
+        np.testing.assert_array_equal(total.values, expected.values)
+        np.testing.assert_array_equal(total.covariance, expected.covariance)
+    assert total_wrench(tree, q, None, certain).covariance is None
 
 
 def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng, tree, contacts):

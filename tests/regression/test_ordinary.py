@@ -35,13 +35,6 @@ def identified(wrench, covariance=None):
     return fitted(TREE, sampled(*STATES, wrench, covariance=covariance), parameters=BASE)
 
 
-@pytest.mark.parametrize("covariance", [None, CONSTANT, MOVING])
-def test_without_noise_the_truth_comes_back(covariance):
-    estimate = identified(Y @ PHI, covariance)
-    np.testing.assert_allclose(estimate.psi, TRUTH, atol=1e-11)
-    assert estimate.epsilon < 1e-9 and (covariance is not None or estimate.rows == 5 * 200)
-
-
 @pytest.mark.parametrize("weights", [None, STD])
 def test_least_squares_are_numpys_weighted_ones_on_whitened_rows(weights):
     wrench = Y @ PHI + STD * np.random.default_rng(1).normal(size=(200, 6))
@@ -100,27 +93,20 @@ def triangle_with(share):
     return np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
 
 
-def noise_of(level):
-    """Ten rows that represent those of ten samples, six times as many."""
-    return np.tile([level / np.sqrt(60), 0, 0], (10, 1))
-
-
 @pytest.mark.parametrize(
-    ("triangle", "noise", "message"),
+    ("triangle", "message"),
     [
-        (np.array([[1, 1, 0], [0, 4e-10, 0], [0, 0, 1.0]]), None, None),
-        (np.array([[1, 1, 0], [0, 1e-10, 0], [0, 0, 1.0]]), None, "parameters a, b: 2 of 3"),
-        (np.eye(3), noise_of(0.65), None),
-        (np.eye(3), noise_of(0.68), "parameters a: 2 of 3"),
-        (triangle_with(0.05), None, "parameters a, b: 2 of 3"),
-        (triangle_with(0.2), None, "parameters a, b, c: 2 of 3"),
-        (np.zeros((3, 3)), None, "parameters a, b, c: 0 of 3"),
+        (np.array([[1, 1, 0], [0, 4e-10, 0], [0, 0, 1.0]]), None),
+        (np.array([[1, 1, 0], [0, 1e-10, 0], [0, 0, 1.0]]), "parameters a, b: 2 of 3"),
+        (triangle_with(0.05), "parameters a, b: 2 of 3"),
+        (triangle_with(0.2), "parameters a, b, c: 2 of 3"),
+        (np.zeros((3, 3)), "parameters a, b, c: 0 of 3"),
     ],
 )
-def test_what_counts_as_excited_and_who_is_named(triangle, noise, message):
-    """Columns at a small angle exceed rounding errors, and columns half as long again as their noise exceed it."""
+def test_what_counts_as_excited_and_who_is_named(triangle, message):
+    """Columns at a small angle exceed rounding errors."""
     with pytest.raises(ExcitationError, match=message) if message else nullcontext():
-        check_excitation(triangle, ("a", "b", "c"), 10, *([] if noise is None else [noise]))
+        check_excitation(triangle, ("a", "b", "c"), 10)
 
 
 def test_a_message_on_many_parameters_is_no_page_long():
@@ -196,7 +182,7 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, covarianc
     ways = [huber_white(first, source) for source in (parts, iter(parts))]
     for chunk in (64, 599):
         with monkeypatch.context() as patched:
-            patched.setattr("ident.estimation.equations.chunk", lambda program, size=chunk: size)
+            patched.setattr("ident.estimation.equations.CHUNK", chunk)
             ways.append(huber_white(first, iter(parts)))
     for fit in ways:
         np.testing.assert_allclose(fit.covariance, whole.covariance, rtol=1e-9, atol=1e-15)

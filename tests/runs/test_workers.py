@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from functools import partial
-from itertools import count
 
 import pytest
 from tasks import blocked_signals, die, refuse, size, unpicklable, wait_for_others
@@ -15,7 +14,6 @@ from experiments.cli import options, running
 from experiments.runs import THREADS, environment, one_thread_each
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
 from ident.errors import InputError
-from ident.estimation.samples import in_order
 
 LARGE = bytes(2_000_000)  # More bytes than a pipe holds.
 
@@ -44,7 +42,8 @@ def test_local_workers_are_other_processes_with_one_thread_which_ignore_requests
 
 def test_a_dead_worker_is_one_sentence_however_large_the_tasks_are():
     with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
-        list(in_order(pool, die, (LARGE for _ in count()), ahead=8))
+        for task in [pool.submit(die, LARGE) for _ in range(8)]:
+            task.result()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes to several processes are POSIX")
@@ -120,14 +119,12 @@ def test_commands_take_one_thread_and_look_for_no_screen_unless_the_user_says_ot
     assert {name: during[name] for name in NAMES if name in during} == {**threads, "MUJOCO_GL": "disable"} | own
 
 
-@pytest.mark.parametrize(
-    ("stated", "one"),
-    [({}, False), ({"OMP_NUM_THREADS": "1"}, True), ({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "4"}, False)],
-)
-def test_linear_algebra_may_have_threads_of_its_own(monkeypatch, stated, one):
+def test_linear_algebra_may_have_threads_of_its_own(monkeypatch):
     for name in THREADS:
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(KeyError), environment(stated):
-        assert one_thread_each() == one
-        raise KeyError
-    assert not {*THREADS} & os.environ.keys(), "variables are as before whatever happens"
+    one = {"OMP_NUM_THREADS": "1"}
+    for stated, alone in (({}, False), (one, True), (one | {"MKL_NUM_THREADS": "4"}, False)):
+        with pytest.raises(KeyError), environment(stated):
+            assert one_thread_each() == alone
+            raise KeyError
+        assert not {*THREADS} & os.environ.keys(), "variables are as before whatever happens"

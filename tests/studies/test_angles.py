@@ -1,17 +1,16 @@
 """Joint angles from markers by the command: its files, their use by `identify`, and errors."""
 
-import mujoco
 import numpy as np
 import pytest
 from commands import entries_of
 from marked import labels_of, marked_person, trc, trial
+from pages import PENDULUM
 from scipy.spatial.transform import Rotation
 
 import ident
 import scenes
 import sim
 from experiments.angles import main
-from experiments.identify import main as identify
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.markers.lengths import grouped, scaled_model
@@ -51,60 +50,51 @@ def test_a_person_is_scaled_and_her_angles_are_found(tmp_path, capsys):
     with np.load(out / "covariance.npz") as covariance:
         assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
     assert entries_of(out / "provenance.json")["options"]["mass"] == 70
-    assert (out / "table_lengths.csv").exists() and "<h1>" in (out / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory):
     """The double pendulum with markers: model, markers and wrenches as files, and the recording."""
-    out, rng = tmp_path_factory.mktemp("pendulum"), np.random.default_rng(1)
-    spec = scenes.load("double_pendulum")
+    out, rng, spec = tmp_path_factory.mktemp("pendulum"), np.random.default_rng(1), scenes.load("double_pendulum")
     recorded = sim.simulate(spec, DOUBLE_PENDULUM, samples=200, seed=1)
-    names = [body.name for body in spec.bodies[1:] if body.name != "load_cell"]
-    for body in names:
-        for k in range(4):
-            spec.body(body).add_site(name=f"{body}_{k}", pos=rng.normal(scale=0.15, size=3))
-    model = spec.compile()
+    arm = sim.mechanism(spec, base="base")
+    q = np.stack([recorded.true[f"{joint}_position"] for joint in arm.tree.joints], axis=1)
+    markers = {}
+    for body, T in zip(arm.tree.names, np.moveaxis(arm.pose @ arm.tree.poses(q), 1, 0), strict=True):
+        for k, place in enumerate(rng.normal(scale=0.15, size=(4, 3))):
+            spec.body(body).add_site(name=f"{body}_{k}", pos=place)
+            markers[f"{body}_{k}"] = T[:, :3, :3] @ place + T[:, :3, 3]
+    spec.compile()
     (out / "arm.xml").write_text(spec.to_xml())
-    data, sites = mujoco.MjData(model), [f"{body}_{k}" for body in names for k in range(4)]
-    joints = sim.mechanism(spec, base="base").tree.joints
-    at = []
-    for q in np.stack([recorded.true[f"{joint}_position"] for joint in joints], axis=1):
-        data.qpos = q
-        mujoco.mj_kinematics(model, data)
-        at.append([data.site(site).xpos.copy() for site in sites])
-    x = np.array(at) + STD * rng.normal(size=(200, len(sites), 3))
-    (out / "run.trc").write_text(trc(recorded.time, sites, x))
-    (out / "upward_y.trc").write_text(trc(recorded.time, sites, x[:, :, [0, 2, 1]] * [1, 1, -1]))
+    x = np.stack([*markers.values()], axis=1) + STD * rng.normal(size=(200, len(markers), 3))
+    (out / "run.trc").write_text(trc(recorded.time, markers, x))
+    (out / "upward_y.trc").write_text(trc(recorded.time, markers, x[:, :, [0, 2, 1]] * [1, 1, -1]))
     wrenches = {name: recorded[name] for name in ("ground_force", "ground_torque")}
     Recording(recorded.time, wrenches).save(out / "wrenches.csv")
-    return out, recorded, joints
+    return out, recorded, arm.tree.joints
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path, capsys):
+def test_angles_are_read_as_they_are_and_identify(pendulum, tmp_path, capsys):
     folder, recorded, joints = pendulum
     model, markers, wrenches, plate = (str(folder / x) for x in ("arm.xml", "run.trc", "wrenches.csv", "plate.csv"))
     (folder / "plate.csv").write_text((folder / "wrenches.csv").read_text().replace("ground_", "plate_"))
-    out, estimated = tmp_path / "angles", tmp_path / "e" / "estimate.json"
-    given = [model, markers, "--base", "base", "--out", str(out), "--formats", "none", "--wrenches"]
+    given = [model, markers, "--base", "base", "--out", str(tmp_path), "--formats", "none", "--wrenches"]
     assert main([*given, plate]) == 0
     output = capsys.readouterr().out
     assert "on which bodies the wrenches act, then:\n" in output and output.endswith("--columns COLUMNS.toml\n")
     assert main([*given, wrenches]) == 0
-    assert f"\nThen:\nmulticontact identify {model} {out / 'angles.csv'} --base base\n" in capsys.readouterr().out
-    arm, recording = sim.mechanism(folder / "arm.xml", base="base"), Recording.load(out / "angles.csv")
-    log = read_log(out / "angles.csv", arm)
+    command = f"multicontact identify {model} {tmp_path / 'angles.csv'} --base base"
+    assert f"\nThen:\n{command}\n" in capsys.readouterr().out
+    arm, recording = sim.mechanism(folder / "arm.xml", base="base"), Recording.load(tmp_path / "angles.csv")
+    log = read_log(tmp_path / "angles.csv", arm)
     for name in (f"{joint}_position" for joint in joints):
         assert error_over_noise(recording, name, log[name] - recorded.true[name]) == pytest.approx(1, rel=0.15)
-    assert identify([model, str(out / "angles.npz"), "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
-    regrouped = sim.mechanism(scenes.load("double_pendulum"), base="base").known
-    truth = ident.find_base_parameters(arm.tree, gravity=arm.gravity).regroup(regrouped)
-    values, std = (np.array(entries_of(estimated)[key])[: len(truth)] for key in ("values", "std"))
-    assert np.sqrt(np.mean(((values - truth) / std) ** 2)) < 2
+    estimate = ident.identify(arm, read_log(tmp_path / "angles.npz", arm))
+    truth = estimate.base.regroup(sim.mechanism(PENDULUM, base="base").known)
+    assert np.sqrt(np.mean(((estimate.psi - truth) / estimate.std) ** 2)) < 2
 
 
-def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path, capsys):
+def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path):
     folder, recorded, joints = pendulum
     model = sim.mechanism(folder / "arm.xml").source.model
     entries = ['up = "y"']
@@ -112,11 +102,8 @@ def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_pat
         body = model.body(site.bodyid[0]).name
         entries.append(f'[markers.{site.name}]\nbody = "{body}"\nposition = {site.pos.tolist()}')
     (tmp_path / "places.toml").write_text("\n".join(entries))
-    bare = scenes.load("double_pendulum")
-    bare.compile()
-    (tmp_path / "bare.xml").write_text(bare.to_xml())
-    arguments = [str(tmp_path / "bare.xml"), str(folder / "upward_y.trc"), "--places", str(tmp_path / "places.toml")]
-    assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
+    given = [PENDULUM, folder / "upward_y.trc", "--places", tmp_path / "places.toml", "--out", tmp_path / "out"]
+    assert main([*map(str, given), "--base", "base", "--formats", "none"]) == 0
     recording = Recording.load(tmp_path / "out" / "angles.csv")
     for joint in joints:
         np.testing.assert_allclose(recording[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)

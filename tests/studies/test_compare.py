@@ -33,12 +33,10 @@ def result(
         "setup": [{"name": "delay", "text": "late"}] if log == "a" else [],
         "bodies": {name: {} for name in bodies},
     }
+    logs = [{"file": file or f"{log}.csv", "sha256": log}]
     provenance = {
         "options": {"logs": [log], "out": folder.name, "verbose": log == "a", "estimator": "trajectory"} | options,
-        "recording": {
-            "model": {"file": "m.xml", "sha256": "0"},
-            "logs": [{"file": file or f"{log}.csv", "sha256": log}],
-        },
+        "recording": {"model": {"file": "m.xml", "sha256": "0"}, "logs": logs},
         "versions": {"multicontact": "1"},
         "git_commit": None,
     }
@@ -78,10 +76,9 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys):
 
 
 def test_the_chance_of_disagreement_is_right(tmp_path):
-    # The p-value of two draws around one truth is uniform.
+    """The p-value of two draws around one truth is uniform."""
     rng, p = np.random.default_rng(0), []
-    first, second = result(tmp_path / "a", np.zeros(3)), result(tmp_path / "b", np.zeros(3), log="b")
-    both = read_results([first, second])
+    both = read_results([result(tmp_path / log, np.zeros(3), log=log) for log in "ab"])
     for _ in range(400):
         for one in both:
             one.estimate["values"][:3] = rng.multivariate_normal([1, 2, 3], COVARIANCE).tolist()
@@ -115,19 +112,8 @@ def test_logs_of_one_name_go_by_their_paths(tmp_path, capsys):
 
 
 def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
-    first = result(tmp_path / "a", [1.0, 2.0, 3.0])
-    second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
-    difference = Difference(*read_results([first, second]))
+    other = {"log": "b", "regrouping": ("m1 + m2", "m2rz2", "Ixx2")}
+    both = [result(tmp_path / name, [1.0, 2.0, 3.0], **options) for name, options in (("a", {}), ("b", other))]
+    difference = Difference(*read_results(both))
     assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
     assert "Not compared, because they are regrouped differently: m1." in compare_report.agreement(difference)
-
-
-def test_a_page_and_figures_are_written(tmp_path):
-    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("first_run", "<i>")]
-    run(tmp_path, *folders)
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
-    assert '<p class="verdict usable">' in page and "agree within noise." in page
-    assert page.count('class="known1"') == 3 and 'class="findings"' not in page
-    tex = (tmp_path / "out" / "table_differences.tex").read_text()
-    assert r"\emph{shank}" in tex and r"\emph{base}" in tex

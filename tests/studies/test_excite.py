@@ -1,21 +1,33 @@
-"""Designed excitations: better than the paper's, within limits, off collisions, also of mechanisms with loops."""
+"""Predicted deviations are those of estimates; designs that minimise them keep limits and are off collisions."""
 
 import re
+from dataclasses import replace
 
+import driven_arm
 import mujoco
 import numpy as np
 import pytest
 from commands import entries_of, refusal, rows_of
 from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, by_mujoco, read
 from mechanisms import by_joint, sines
+from scipy.linalg import block_diag
 
+import scenes
 import sim
 from experiments import excite
 from experiments.data import paper
 from experiments.studies import designed_excitation, excitation_problem
+from experiments.studies.excitation_problem import SLIP, drive_signals
 from ident.errors import InputError
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.geometry.se3 import pose
 from ident.mechanism.motion import Motion
-from ident.recordings.recording import Recording
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.prior import body_covariance
+from ident.recordings.recording import STATES, Recording
+from ident.recordings.wrench import transform_covariance
+from ident.regression.ordinary import least_squares
 from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions, Walls, reachable
 from sim.motion.excitation import DOUBLE_PENDULUM, FourierTrajectory
@@ -89,19 +101,18 @@ def test_limits_are_kept_between_the_samples():
         assert (LIMITS.use(*scaled_into(wild, LIMITS).states(time)) < 1).all()
 
 
-def check_gradient(function, x):
-    direction, h = np.random.default_rng(1).normal(size=x.shape), 1e-6
+def check_gradient(function, x, part=..., rel=1e-5):
+    """Checks the derivatives of a function's value in a direction that changes a part of its argument."""
+    direction, h = np.zeros_like(x), 1e-6
+    direction[part] = np.random.default_rng(1).normal(size=x[part].shape)
     up, down = (function(x + sign * h * direction)[0] for sign in (1, -1))
-    assert np.sum(function(x)[1] * direction) == pytest.approx((up - down) / (2 * h), rel=1e-5)
+    assert np.sum(function(x)[1] * direction) == pytest.approx((up - down) / (2 * h), rel=rel, abs=1e-6)
 
 
-@pytest.mark.parametrize("criterion", paper.CRITERIA)
-def test_the_searchs_gradient_is_that_of_its_value(criterion):
-    search = _Search(excitation_problem.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
-    check_gradient(search.value_and_gradient, 0.2 * np.random.default_rng(0).normal(size=(2, 5)))
-
-
-def test_the_gradient_of_walls_is_that_of_their_barrier():
+def test_gradients_of_the_search_and_of_walls_are_those_of_their_values():
+    for criterion in paper.CRITERIA:
+        search = _Search(excitation_problem.cost(PROBLEM, criterion, 501), LIMITS, 5.0, 3)
+        check_gradient(search.value_and_gradient, 0.2 * np.random.default_rng(0).normal(size=(2, 5)))
     rng = np.random.default_rng(0)
     maps = rng.normal(size=(2, 50, 3))
     maps[:, :, 0] = [[0.5], [1.0]]
@@ -120,13 +131,9 @@ def test_the_barrier_before_collisions_has_the_slope_of_its_differences(tree):
     q = np.random.default_rng(0).uniform(-0.5, 0.5, size=(200, tree.size))
     q[:, -1] += 2.4
     q = q[(collisions.depth(q, 0.02) == 0) & (collisions.depth(q, 0.3) > 0)][:20]
-    assert len(q) > 5
-    barrier, slope = collisions.barrier_and_slope(q, 0.01, 0.3)
-    assert 0 < barrier < np.inf
-    for j, step in enumerate(1e-7 * np.eye(tree.size)):
-        for k, posture in enumerate(q):
-            up, down = (collisions.barrier_and_slope(posture[None] + s * step, 0.01, 0.3)[0] for s in (1, -1))
-            assert slope[k, j] == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
+    assert len(q) > 5 and 0 < collisions.barrier_and_slope(q, 0.01, 0.3)[0] < np.inf
+    for posture in q:
+        check_gradient(lambda x: collisions.barrier_and_slope(x, 0.01, 0.3), posture[None], rel=1e-3)
 
 
 def test_collisions_are_found_and_named():
@@ -145,7 +152,6 @@ def test_designs_follow_their_options_and_seed(arm, tmp_path, capsys):
     out = tmp_path / "out"
 
     def designed(*options):
-        """The motion's file, and limits of the joint states."""
         assert excite.main([str(arm), "--seconds", "5", *QUICK, *options, "--out", str(out)]) == 0
         limits = {(row["joint"], row["quantity"]): float(row["limit"]) for row in rows_of(out / "table_limits.csv")}
         return (out / "trajectory.csv").read_bytes(), limits
@@ -153,11 +159,10 @@ def test_designs_follow_their_options_and_seed(arm, tmp_path, capsys):
     motion, limits = designed()
     assert limits["lift", "highest position, rad"] == pytest.approx(np.radians(170 - 0.02 * 340))
     assert designed()[0] == motion != designed("--seed", "1")[0]
-    _, limits = designed("--margin", "0.1", "--floor", "0.2")
+    motion, limits = designed("--margin", "0.1", "--floor", "0.2", "--fix", "fold", "1.5")
     assert limits["lift", "lowest position, rad"] == pytest.approx(-np.radians(170 - 0.1 * 340))
+    assert b"lift_position" in motion and b"fold_position" not in motion
     assert "all geoms stay that far above the floor at 0.2 m" in " ".join(capsys.readouterr().out.split())
-    motion, _ = designed("--fix", "lift", "1.5")
-    assert b"fold_position" in motion and b"lift_position" not in motion
     designed("--joints", "fold", "--position", "2.9", "3.0", "--collisions", "ignore")
     assert "Collisions: not checked." in capsys.readouterr().out
 
@@ -203,66 +208,56 @@ def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, ca
 
 
 def test_bad_limits_are_refused():
-    with pytest.raises(ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and"):
-        Limits([1.0], [0.0], [1.0], [1.0])
-    with pytest.raises(ValueError, match=r"velocity need to be positive and below 1e\+08, got \[0.0\]"):
-        Limits([0.0], [1.0], [0.0], [1.0])
-
-
-LOOPED = ["--starts", "1", "--iterations", "2", "--seconds", "3", "--harmonics", "3", "--position", "-1", "1"]
-SPHERE = '<geom size=".01" pos="0 0 .05" mass=".08"/>'
-MOTOR = '<actuator><motor joint="crank"/></actuator>'
+    bounds = r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and"
+    for limits, message in (
+        ((1.0, 0.0, 1.0, 1.0), bounds),
+        ((0.0, 1.0, 0.0, 1.0), r"velocity need to be positive and below 1e\+08, got \[0.0\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Limits(*([x] for x in limits))
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_four_bar_is_excited_by_its_crank(tmp_path):
     # Turned that far, the crank would come to the end of what the rod reaches.
     text = FOUR_BAR.replace('name="rod" axis', 'name="rod" range="-0.5 0.6" axis')
-    (tmp_path / "arm.xml").write_text(text.replace("<sensor>", f"{MOTOR}<sensor>"))
-    drives = ["--sensors", "torque", "--drive", "auto"]
-    assert excite.main([str(tmp_path / "arm.xml"), *LOOPED, *drives, "--out", str(tmp_path / "out")]) == 0
-    motion = Recording.load(tmp_path / "out" / "trajectory.npz")
-    names, arm = ("crank", "rod", "rocker"), read(FOUR_BAR).closed(("rod", "rocker"))
-    states = [np.stack([motion[f"{name}_{kind}"] for name in names], axis=1) for kind in ("position", "velocity")]
-    assert states[0][:, 1].min() > -0.5 and states[0][:, 1].max() < 0.6
-    assert np.ptp(states[0][:, 0]) > 0.3
-    own = [motion[f"crank_{kind}"][:5, None] for kind in ("position", "velocity", "acceleration")]
+    (tmp_path / "arm.xml").write_text(text.replace("<sensor>", '<actuator><motor joint="crank"/></actuator><sensor>'))
+    options = "--starts 1 --iterations 2 --seconds 3 --harmonics 3 --position -1 1 --sensors torque --drive auto"
+    assert excite.main([str(tmp_path / "arm.xml"), *options.split(), "--out", str(tmp_path / "out")]) == 0
+    motion, arm = Recording.load(tmp_path / "out" / "trajectory.npz"), read(FOUR_BAR).closed(("rod", "rocker"))
+    q, dq, _ = motion.joint_states(("crank", "rod", "rocker"))
+    assert q[:, 1].min() > -0.5 and q[:, 1].max() < 0.6 and np.ptp(q[:, 0]) > 0.3
+    own = [motion[f"crank_{kind}"][:5, None] for kind in STATES]
     gaps, *_ = by_mujoco("four-bar", arm, own)
     assert abs(gaps).max() < 1e-9
-    np.testing.assert_allclose(arm.tree.dependent_states(*own)[1], states[1][:5, 1:], atol=1e-7)
+    np.testing.assert_allclose(arm.tree.dependent_states(*own)[1], dq[:5, 1:], atol=1e-7)
 
 
-def test_the_cost_of_a_five_bar_has_exact_derivatives():
+def test_the_cost_of_a_five_bar_has_exact_derivatives(monkeypatch):
+    monkeypatch.setattr(excitation_problem, "determined", lambda *_: ("Fv(crank)", "Fc(right)", "Ia(right)"))
     design = excitation_problem.problem(read(FIVE_BAR), ["crank", "right"], sensors="torque", drive=None)
     assert design.joints == ("crank", "right") and design.mechanism.tree.dependent == ("rod", "arm")
-    value, states = (
-        excitation_problem.cost(design, "determinant", 40),
-        0.2 * np.random.default_rng(0).normal(size=(3, 40, 2)),
-    )
-    _, slopes = value(*states)
-    for kind, k in ((0, 0), (0, 1), (1, 0), (2, 1)):
-        step = np.zeros((3, 40, 2))
-        step[kind, 7, k] = 1e-4
-        higher, lower = (value(*(states + sign * step))[0] for sign in (1, -1))
-        assert slopes[kind][7, k] == pytest.approx((higher - lower) / 2e-4, rel=1e-4, abs=1e-7)
+    cost, states = excitation_problem.cost(design, "determinant", 40), np.random.default_rng(0).normal(size=(3, 40, 2))
+    for kind in range(3):
+        check_gradient(lambda states: cost(*states), 0.2 * states, kind, rel=1e-3)
 
 
 def test_collisions_of_dependent_bodies_count():
-    # Fingers that are spheres.
-    text = GRIPPER.replace('<inertial mass="0.08" pos="0.02 0.0008 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>', SPHERE)
+    sphere = '<geom size=".01" pos="0 0 .05" mass=".08"/>'  # In place of a finger.
+    text = GRIPPER.replace('<inertial mass="0.08" pos="0.02 0.0008 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>', sphere)
     model = mujoco.MjModel.from_xml_string(text)
     arm = sim.mechanism(model)
-    tree = arm.closed([joint for joint in arm.tree.joints if joint != "left_driver"]).tree
-    walls = Collisions(model, tree, 0.01)
+    walls = Collisions(model, arm.closed([joint for joint in arm.tree.joints if joint != "left_driver"]).tree, 0.01)
     q = np.linspace(-0.6, 0.6, 25)[:, None]
     depth = walls.depth(q, 0.08)
     assert (depth > 0).any() and (depth == 0).any()
-    apart = q[depth > 0][:1]
-    low, high = (walls.barrier_and_slope(apart + step, 1e-3, 0.08)[0] for step in (-1e-6, 1e-6))
-    assert walls.barrier_and_slope(apart, 1e-3, 0.08)[1] == pytest.approx((high - low) / 2e-6, rel=1e-4)
+    check_gradient(lambda x: walls.barrier_and_slope(x, 1e-3, 0.08), q[depth > 0][:1], rel=1e-4)
 
 
-def test_a_designed_motion_has_no_columns_of_the_hinges_in_place_of_a_ball():
+def test_a_designed_motion_has_no_columns_of_the_hinges_in_place_of_a_ball(monkeypatch):
+    # It needs neither parameters nor drives, whose search takes seconds.
+    monkeypatch.setattr(excitation_problem, "find_base_parameters", lambda *_, **__: None)
+    monkeypatch.setattr(excitation_problem, "determined", lambda *_: ())
     design = excitation_problem.problem(read(ROD_ON_BALLS), ["hip", "knee", "crank"], sensors="torque")
     motion = Motion(*np.zeros((3, 5, 3)))
     columns = designed_excitation.recording(design, np.arange(5.0), motion, {}).measured
@@ -277,3 +272,95 @@ def test_ranges_are_those_in_which_loops_close():
     assert tree.closes(q).all() and abs(tree.dependent_states(q)[0][:, 1]).max() < 0.05
     with pytest.raises(InputError, match="The loops of rod, piston do not close, or leave these joints' ranges, near"):
         reachable(tree, {"piston": (0.2, 0.3)}, np.zeros(1), np.array([-3.0]), np.array([3.0]))
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return excitation_problem.problem(mechanism(scenes.load("double_pendulum"), "base"), None, sensors="wrench")
+
+
+def test_predicted_deviations_are_those_of_an_estimate(pendulum):
+    arm, noise, motion = pendulum.mechanism, (0.5, 0.05), Motion(*DOUBLE_PENDULUM.trajectory(TIME[:300]))
+    wrench = base_wrench_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.prior
+    samples = Samples(motion, wrench, np.diag(np.repeat(noise, 3) ** 2))
+    problem = excitation_problem.problem(arm, None, sensors="wrench", noise=noise)
+    predicted = excitation_problem.predicted_deviations(problem, motion)
+    np.testing.assert_allclose(predicted, least_squares(Equations.of_wrench(arm), samples).std, rtol=0.01)
+
+
+def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
+    base, phi = pendulum.parameters, pendulum.mechanism.prior
+    B = np.zeros((base.rank, len(phi)))
+    B[range(base.rank), list(base.kept)] = 1
+    B[:, list(base.dependent)] = base.beta
+    np.testing.assert_allclose(B @ phi, base.regroup(phi))
+    L = excitation_problem.known_root(pendulum)
+    S = block_diag(*(body_covariance(own) for own in phi.reshape(-1, 10)))
+    np.testing.assert_allclose(L.T @ L, B @ S @ B.T, atol=1e-14)
+    m1 = np.sqrt(np.sum((0.2 * phi[::10]) ** 2))
+    assert np.linalg.norm(L, axis=0)[0] == pytest.approx(m1)
+
+
+def test_what_cannot_be_seen_stays_as_known(pendulum):
+    resting = Motion(np.ones((100, 2)), *np.zeros((2, 100, 2)))
+    assert 0.1 < np.exp(excitation_problem.cost(pendulum, "deviations", 100)(*resting.states)[0]) < 1
+    quiet, papers = replace(pendulum, whitening=1e-9 * pendulum.whitening), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
+    assert excitation_problem.quality(quiet, papers)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
+    assert np.isfinite(excitation_problem.predicted_deviations(pendulum, resting)).all()
+
+
+SENSING = """
+<mujoco><worldbody><body name="base"><site name="plate" pos="0.1 0 -0.2" euler="0 30 0"/><geom size="0.1"/>
+<body name="arm"><joint name="hinge" range="-1 1"/><geom size="0.1" pos="0 0 1"/><site name="elsewhere"/></body></body>
+</worldbody><sensor><force site="plate" noise="2"/><torque site="plate" noise="0.3"/>
+  <force site="elsewhere" noise="7"/><jointactuatorfrc joint="hinge" noise="0.4"/></sensor></mujoco>
+"""
+
+
+def test_noise_is_what_the_models_sensors_state():
+    arm = mechanism(mujoco.MjModel.from_xml_string(SENSING), "base")
+
+    def covariance(sensors, noise=None):
+        W = excitation_problem.problem(arm, None, sensors=sensors, noise=noise).whitening
+        return np.linalg.inv(W.T @ W)
+
+    at_plate = np.diag([4.0, 4, 4, 0.09, 0.09, 0.09])
+    expected = transform_covariance(pose(np.eye(3), np.array([0.1, 0, -0.2])), at_plate)
+    np.testing.assert_allclose(covariance("wrench"), expected, atol=1e-12)
+    np.testing.assert_allclose(covariance("wrench", (1.0, 0.1)), np.diag([1, 1, 1, 0.01, 0.01, 0.01]), atol=1e-12)
+    assert covariance("torque") == pytest.approx(0.16)
+    assert covariance("torque", (1.0, 0.1)) == pytest.approx(0.01)
+
+
+ALL = ("rotor", "viscous", "coulomb", "stribeck", "spring")
+
+
+def driven(drive, **stated):
+    return excitation_problem.problem(driven_arm.mechanism(**stated), None, sensors="torque", drive=drive)
+
+
+def random_motion(n=40):
+    q, dq, ddq = np.random.default_rng(0).uniform(-1, 1, size=(3, n, 3))
+    return Motion(q, 0.3 * dq, ddq)
+
+
+def test_columns_are_the_torques_of_unit_drives():
+    design, motion = driven(ALL), random_motion()
+    columns = dict(zip(design.drives, drive_signals(design.mechanism, design.drives, motion).T, strict=True))
+    q, dq, ddq = motion.q[:, 1], motion.dq[:, 1], motion.ddq[:, 2]
+    np.testing.assert_allclose(columns["K(lift)"][1], q - 0.4)
+    np.testing.assert_allclose(columns["Fv(lift)"][1], dq)
+    np.testing.assert_allclose(columns["Fc(lift)"][1], np.tanh(dq / SLIP))
+    np.testing.assert_allclose(columns["Ia(bend)"][2], ddq)
+    assert all(np.count_nonzero(column.any(axis=1)) == 1 for column in columns.values())
+    Y = design.regressor(*motion.states)
+    assert Y.shape == (len(motion), 3, len(design.names))
+
+
+@pytest.mark.parametrize("samples", [40, 3])
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
+def test_derivatives_are_differences(criterion, samples):
+    """With few samples, some combinations are not excited."""
+    cost = excitation_problem.cost(driven(ALL), criterion, 1000)
+    for which in range(3):
+        check_gradient(lambda states: cost(*states), np.array(random_motion(samples).states), which, rel=1e-3)

@@ -81,25 +81,21 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path, cont
 
 
 def test_noise_on_the_joint_states_biases(tmp_path):
-    errors_of = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path))
-    assert np.abs(errors_of.mean / errors_of.std).max() * np.sqrt(60) > 6
+    errors_of = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 30, tmp_path))
+    assert np.abs(errors_of.mean / errors_of.std).max() * np.sqrt(30) > 6
 
 
 def test_statistics(tmp_path):
     errors = np.array([[-1.0, 0.0], [0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
     errors_of = Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
-    np.testing.assert_array_equal(errors_of.mean, [0.5, 1.5])
-    np.testing.assert_allclose(errors_of.std, np.std(errors, axis=0, ddof=1))
-    np.testing.assert_array_equal(errors_of.coverage, [0.75, 0.5])
     np.testing.assert_array_equal(errors_of.percentile, [[50, 100], [50, 100]])
-    np.testing.assert_array_equal(errors_of.predicted_std, [1, 1])
+    np.testing.assert_array_equal([errors_of.mean, errors_of.coverage], [[0.5, 1.5], [0.75, 0.5]])
     (tmp_path / "table.csv").write_text(paper_report.trials_table("m", errors_of).csv(), encoding="utf-8")
     low, high = np.percentile(errors[:, 1], [2.5, 97.5])
     numbers = {"mean_error": 1.5, "std": np.std(errors[:, 1], ddof=1), "low_95": low, "high_95": high}
-    numbers |= {"predicted_std": 1.0, "coverage_95": 0.5, "paper_error": 9.0}
-    assert rows_of(tmp_path / "table.csv")[1] == {"parameter": "b", "paper_percentile": "100 to 100"} | {
-        key: str(x) for key, x in numbers.items()
-    }
+    numbers |= {"predicted_std": 1.0, "coverage_95": 0.5, "paper_error": 9.0, "paper_percentile": "100 to 100"}
+    row = rows_of(tmp_path / "table.csv")[1]
+    assert row == {"parameter": "b"} | {key: str(x) for key, x in numbers.items()}
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
@@ -114,7 +110,7 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
         return trial(problem, [model], recording)
 
     monkeypatch.setattr(simulation, "trajectory_trial", quick)
-    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
+    command = ["--out", str(tmp_path), "--formats", "none", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
     assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
     assert multicontact.main([*command, "--trajectory-trials", "6", "--resume"]) == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from commands import entries_of, rows_of
 from shared_studies import packaged_study
-from stand_ins import use_truth
+from stand_ins import leave_undrawn, use_truth
 
 import scenes
 from experiments import multicontact
@@ -29,6 +29,7 @@ def results(contact, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patched:
         use_truth(patched)
+        leave_undrawn(patched)
         # In any order: the scene determines the recording.
         command = ["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]
         assert multicontact.main(command) == 0
@@ -60,9 +61,9 @@ def test_without_noise_the_estimate_is_exact(contact):
 @pytest.mark.parametrize("contact", ["pad", "pad handle"], indirect=True)
 def test_command_line_writes_everything(results, contact, result):
     more = ("contacts",) if result.several else ()
-    tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
-    charts = [f"figure_{n}.{ending}" for n in ("4", "5", *more) for ending in ("png", "csv")]
-    expected = {*tables, *charts, "recording.npz", "summary.json", "provenance.json", "report.html"}
+    expected = {f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")}
+    expected |= {f"figure_{n}.{ending}" for n in ("4", "5", *more) for ending in ("png", "csv")}
+    expected |= {"recording.npz", "summary.json", "provenance.json", "report.html"}
     assert {file.name for file in results.iterdir()} == expected
     rows = rows_of(results / "table_4.csv")
     of_paper = ("true",) if result.several else ("true_scene", "true_paper", "paper_error")
@@ -71,32 +72,29 @@ def test_command_line_writes_everything(results, contact, result):
     np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit("contact").error)
     markdown = (results / "table_4.md").read_text()
     assert all((text in markdown) == (contact == "pad") for text in ("Ixx3*", "parallel-axis terms", "paper"))
-    summary, sites = entries_of(results / "summary.json"), scenes.load_cells(contact)
-    assert (summary["rank"], summary["rows"]) == (13, 4715)
-    assert summary["condition_number"] == result.fit("contact").estimate.condition_number
-    assert summary["largest_error_ignoring"] == np.abs(result.fit("ignoring").error).max()
-    touching = result.recording.true["pad_normal_force"] > 0
-    assert summary["fraction_all_touch"] == summary[f"{sites['pad']}_fraction"] == touching.mean()
-    assert summary[f"{sites['pad']}_episodes"] == touching[0] + np.sum(touching[1:] & ~touching[:-1])
-    peaks = {site: np.linalg.norm(result.recording.true[f"{site}_force"], axis=1).max() for site in sites.values()}
-    for site, peak in {**peaks, "contact": max(peaks.values())}.items():
-        assert summary[f"{site}_peak_force_N"] == pytest.approx(peak)
+    summary, sites, true = entries_of(results / "summary.json"), scenes.load_cells(contact), result.recording.true
+    touching = true["pad_normal_force"] > 0
+    peaks = {site: np.linalg.norm(true[f"{site}_force"], axis=1).max() for site in sites.values()}
+    numbers = {f"{site}_peak_force_N": peak for site, peak in {**peaks, "contact": max(peaks.values())}.items()}
+    numbers |= {
+        "rank": 13,
+        "rows": 4715,
+        "condition_number": result.fit("contact").estimate.condition_number,
+        "largest_error_ignoring": np.abs(result.fit("ignoring").error).max(),
+        "fraction_all_touch": touching.mean(),
+        f"{sites['pad']}_fraction": touching.mean(),
+        f"{sites['pad']}_episodes": touching[0] + np.sum(touching[1:] & ~touching[:-1]),
+    }
+    assert {name: summary[name] for name in numbers} == pytest.approx(numbers)
     assert entries_of(results / "provenance.json")["options"]["contact"] == contact
 
 
-@pytest.mark.parametrize("contact", ["handle"], indirect=True)
-def test_the_trajectory_estimate_takes_contacts_too(result):
+@pytest.mark.parametrize("contact", ["pad", "handle"], indirect=True)
+def test_the_trajectory_estimate_takes_contacts_too(result, contact):
+    """Also accelerations that jump at the pad, with denser knots."""
     own, fit = result.trajectory("contact"), result.fit("contact")
     k = fit.base.names.index("Ixx2")
-    assert abs(own.error[k]) < abs(fit.error[k]) and abs(own.error / own.std).max() < 4
-    shown = [row[-2:] for row in study_report.table(result, "table_4").rows]
-    np.testing.assert_array_equal(shown, np.transpose([own.error, own.std]))
-    assert abs(result.trajectory("ignoring").error).max() > 10
-
-
-@pytest.mark.parametrize("contact", ["pad"], indirect=True)
-def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_knots(result):
-    assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
+    assert abs(own.error / own.std).max() < 4 and (contact == "pad" or abs(own.error[k]) < abs(fit.error[k]))
 
 
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)

@@ -5,11 +5,11 @@ import opensim_walker
 import pytest
 from commands import refusal
 from mechanisms import sines
-from opensim_files import Joint, constant, coordinate, document, linear, quietly_read, spatial, table
+from opensim_files import Joint, coordinate, document, quietly_read
+from opensim_walker import PHI, knee
 from written_formats import write_csv
 
 from experiments import identify
-from ident.geometry.inertia import parameters_from_com
 from ident.model.regressor import base_wrench_regressor
 
 SEGMENTS = """[segments]
@@ -18,40 +18,17 @@ tibia = { segment = "shank", proximal = [0, 0, 0], distal = [0, -0.4, 0] }
 """
 
 
-SHAPES = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
-TRUE = {
-    name: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k])) for name, (m, y, k) in SHAPES.items()
-}
-"""φ of the leg's bodies."""
-
-
-def leg(tmp_path, phi):
-    """Femur on the ground by a pin, tibia by a knee that slides on a spline."""
-    x = np.linspace(-2, 0.2, 7)
-    slide = table(x, 0.03 * np.sin(1.2 * x))
-    along = ("knee", [1, 0, 0], slide), ("", [0, 1, 0], constant(-0.4))
-    still = [("", axis, constant(0)) for axis in np.eye(3)]
-    axes = spatial([*still[:2], ("knee", [0, 0, 1], linear(1)), *along, still[2]])
-    joints = [
-        Joint("PinJoint", "hip", "ground", "femur", [coordinate("hip")], at=(np.array([0, 1.0, 0]), np.zeros(3))),
-        Joint("CustomJoint", "knee", "femur", "tibia", [coordinate("knee", limits=(-2.0, 0.2))], axes),
-    ]
-    path = tmp_path / "leg.osim"
-    path.write_text(document(joints, phi), encoding="utf-8")
-    return path
-
-
 @pytest.fixture(scope="module")
 def swing(tmp_path_factory):
-    """A model file that is 20 % off, a log of angles and the ground's wrench, and the true φ."""
-    folder = tmp_path_factory.mktemp("leg")
-    path = leg(folder, {name: 1.2 * phi for name, phi in TRUE.items()})
-    arm = quietly_read(path)
-    t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
+    """A model file of a leg on the ground that is 20 % off, a log of angles and the ground's wrench, and the true φ."""
+    folder, true = tmp_path_factory.mktemp("leg"), {name: PHI[name] for name in ("femur", "tibia")}
+    hip = Joint("PinJoint", "hip", "ground", "femur", [coordinate("hip")], at=(np.array([0, 1.0, 0]), np.zeros(3)))
+    path, phi = folder / "leg.osim", np.concatenate([*true.values()])
+    path.write_text(document([hip, knee()], {name: 1.2 * x for name, x in true.items()}), encoding="utf-8")
+    arm, t, rng = quietly_read(path), np.arange(0, 5, 0.01), np.random.default_rng(0)
     size, hertz = np.array([[0.4, 0.2], [0.5, 0.3]]), np.array([[0.5, 1.1], [0.9, 0.4]])
     q, dq, ddq = sines(t, size, 2 * np.pi * hertz, np.array([[0.0, 2.0], [1.0, 0.5]]))
     q -= [0, 0.9]
-    phi = np.concatenate(list(TRUE.values()))
     wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
     noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([0.5, 0.2], 3)
     cells = np.column_stack([q + 0.002 * rng.normal(size=q.shape), noisy]).T
@@ -94,7 +71,7 @@ held = false
 [wrenches.plate]
 frame = "world"
 on = "tibia"
-force = ["ground_force_1_vx", "ground_force_1_vy", "ground_force_1_vz"]
+force = ["gone", "ground_force_1_vy", "ground_force_1_vz"]
 point = ["ground_force_1_px", "ground_force_1_py", "ground_force_1_pz"]
 free_moment = ["ground_force_1_mx", "ground_force_1_my", "ground_force_1_mz"]
 """
@@ -104,11 +81,11 @@ free_moment = ["ground_force_1_mx", "ground_force_1_my", "ground_force_1_mz"]
 def test_what_is_wrong_is_said_of_the_files_that_were_given(tmp_path, capsys):
     """Angles are fitted to markers first, and missing ones are reported."""
     opensim_walker.trial(tmp_path, opensim_walker.leg(tmp_path))
-    log, plates, markers = f"{tmp_path / 'walk.trc'}+{tmp_path / 'walk.mot'}", tmp_path / "x", tmp_path / "walk.trc"
-    plates.write_text(PLATE.replace("ground_force_1_vx", "gone"))
-    given = [str(tmp_path / "leg.osim"), log, "--out", str(tmp_path / "out"), "--columns", str(plates)]
-    message = refusal(identify.main, given, capsys)
-    assert f"{log}: " in message and "'gone'" in message and "/tmp" not in message.replace(str(tmp_path), "")
+    plates, markers = tmp_path / "columns.toml", tmp_path / "walk.trc"
+    plates.write_text(PLATE, encoding="utf-8")
+    given = [str(tmp_path / "leg.osim"), f"{markers}+{tmp_path / 'walk.mot'}", "--out", str(tmp_path / "out")]
+    message = refusal(identify.main, [*given, "--columns", str(plates)], capsys)
+    assert f"{given[1]}: " in message and "'gone'" in message and "/tmp" not in message.replace(str(tmp_path), "")
     markers.write_text(markers.read_text(encoding="utf-8").replace("tibia", "other"), encoding="utf-8")
-    message = refusal(identify.main, given, capsys)
+    message = refusal(identify.main, [*given, "--columns", str(plates)], capsys)
     assert "the markers do not determine knee; leave what they do not tell of out by --fix knee." in message

@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import operator
 import tomllib
 
 import numpy as np
@@ -57,10 +58,6 @@ def written(folder, text):
     return path
 
 
-def read(folder, text):
-    return study_entries.read(written(folder, text))
-
-
 def test_the_studies_of_the_package_are_whole_and_options_go_before_their_files():
     for file in map(study_entries.packaged, study_entries.PACKAGED):
         assert set(file.trials.values()) <= set(file.models) and len([*file.tables, *file.figures]) >= 4
@@ -94,22 +91,23 @@ def test_a_file_of_ones_own_says_everything(tmp_path, capsys):
     assert "--trials needs [trials]" in refusal(study.main, [*command, "--trials", "2"], capsys)
 
 
-def test_axes_and_contacts_are_what_a_model_knows(tmp_path):
-    file = read(tmp_path, OWN.replace('ignore = "all"', 'title = "x"'))
-    exact = simulated(file.with_options(noise_scale=0.0))
-    assert abs(exact.fit("known").error).max() < 1e-6 < 0.1 < abs(exact.fit("drawn").error).max()
-
-
-def test_a_model_of_ones_own_moves_as_the_packages_does(tmp_path):
+def test_a_model_of_ones_own_moves_as_the_packages_does_and_axes_and_contacts_are_what_a_model_knows(tmp_path):
     spec = scenes.load("double_pendulum", contact="pad")
     spec.compile()
     (tmp_path / "own.xml").write_text(spec.to_xml())
     excitation = ", ".join(f"{key} = {np.asarray(x).tolist()}" for key, x in vars(DOUBLE_PENDULUM).items())
-    text = OWN.replace('excitation = "double_pendulum"', f"excitation = {{ {excitation} }}")
-    text = text.replace('model = "double_pendulum"', 'model = "own.xml"')
-    text = text.replace('contacts = ["pad"]', 'contacts = { pad = "contact" }')
-    own, theirs = (simulated(read(tmp_path, each)) for each in (text, OWN))
+    text = OWN
+    for old, new in (
+        ('excitation = "double_pendulum"', f"excitation = {{ {excitation} }}"),
+        ('model = "double_pendulum"', 'model = "own.xml"'),
+        ('contacts = ["pad"]', 'contacts = { pad = "contact" }'),
+    ):
+        text = text.replace(old, new)
+    own, theirs = (simulated(study_entries.read(written(tmp_path, each))) for each in (text, OWN))
     np.testing.assert_allclose(own.fit("drawn").error, theirs.fit("drawn").error, rtol=1e-4, atol=1e-5)
+    file = study_entries.read(written(tmp_path, OWN.replace('ignore = "all"', 'title = "x"')))
+    exact = simulated(file.with_options(noise_scale=0.0))
+    assert abs(exact.fit("known").error).max() < 1e-6 < 0.1 < abs(exact.fit("drawn").error).max()
 
 
 @pytest.mark.parametrize(
@@ -122,17 +120,13 @@ def test_a_model_of_ones_own_moves_as_the_packages_does(tmp_path):
         ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),
         ("ground_force", "force", "The scene has no sensor 'force' to be noisy; it has ground_force"),
         ('["ordinary", "weighted"]', '["weighted", "weighted"]', "needs different estimators, got weighted, w"),
-        ('["ordinary", "weighted"]', '"weighted"', "a list of entries, each one of ordinary, weighted, trajectory"),
         ('["ordinary", "weighted"]', '["ordinary"]', "shows error_weighted, but drawn has no estimator 'weighted'"),
         ("groups = [", "groups = 3 #", "tables.table_mine.groups needs a list of tables, got 3"),
         ('"true", "error"', '"truth"', "groups.show needs one of true, true_scene"),
         ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known; got other"),
         ("drawn = {", "True = {", "models.True needs another name: curves of wrenches call true, measured, ground"),
         ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
-        ("[models]", "[models", "a study needs to be TOML in UTF-8"),
         ('option = "noise_scale"', 'option = "tilt_deg"', "sweep.option needs one of samples, noise_scale"),
-        ("[0, 1, 2000]", "[0, -5]", "sweep.values needs a number of at least 0, got -5"),
-        ("seeds = 2", "seeds = 0", "sweep.seeds needs a whole number of at least 1, got 0"),
         ("seeds = 2", 'numbers = ["x"]', "sweep.numbers needs names of condition_number_one, rank_one, rows_one"),
     ],
 )
@@ -146,7 +140,6 @@ def test_what_nobody_would_read_is_refused_in_one_sentence(tmp_path, capsys, old
 
 
 def places(entries, path=()):
-    """Paths of all entries, tables and leaves."""
     for key, value in entries.items() if isinstance(entries, dict) else enumerate(entries):
         yield (*path, key)
         if isinstance(value, dict | list):
@@ -155,14 +148,13 @@ def places(entries, path=()):
 
 def test_whatever_stands_in_a_file_is_understood_or_refused(tmp_path):
     whole, refused = tomllib.loads(OWN), 0
-    for path in places(whole):
+    for *path, last in places(whole):
         for wrong in (-1, 2.5, float("nan"), "x", True, [], ["x"], [[1]], {}, {"x": 1}, None):
             entries = copy.deepcopy(whole)
-            place = functools.reduce(lambda entry, key: entry[key], path[:-1], entries)
+            place = functools.reduce(operator.getitem, path, entries)
+            place[last] = wrong
             if wrong is None:
-                del place[path[-1]]
-            else:
-                place[path[-1]] = wrong
+                del place[last]
             try:
                 study_entries.from_entries(entries, tmp_path)
             except InputError:

@@ -2,37 +2,22 @@
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from coded import coded
-from commands import entries_of, refusal
+from commands import sentence_of
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, estimated, faulty, shortened
 
 import ident
 import scenes
-from experiments import identify
+import sim
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.judgement.residuals import BEYOND_CHANCE
+from ident.setup import PRIORS
 from sim.motion.excitation import DOUBLE_PENDULUM
-
-MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
-WRONG = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))  # Links 15 % off.
-
-
-def by_command(tmp_path, recordings, *options, columns=""):
-    """Content of `estimate.json` for recordings saved as CSV files."""
-    logs, mapping = [str(tmp_path / f"log{k}.csv") for k in range(len(recordings))], tmp_path / "columns.toml"
-    for log, recording in zip(logs, recordings, strict=True):
-        recording.save(log)
-    if columns:
-        mapping.write_text(columns, encoding="utf-8")
-        options = (*options, "--columns", str(mapping))
-    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
-    return entries_of(tmp_path / "out" / "estimate.json")
 
 
 @pytest.mark.slow
@@ -82,48 +67,39 @@ def test_the_deviation_of_a_fault_includes_the_rest_of_the_set_up():
     assert 3 * np.radians(0.14) < off < 2 * error.std
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_forgotten_base_is_named(tmp_path, capsys):
-    estimate = by_command(tmp_path, [shortened(faulty(), 600)])
-    assert estimate["outcome"] == "not" and "other_base" in {each["code"] for each in estimate["findings"]}
-    assert "Try --base base." in " ".join(capsys.readouterr().out.split())
+def test_a_forgotten_base_is_named():
+    estimate = ident.identify(sim.mechanism(scenes.load("double_pendulum")), shortened(faulty(), 600))
+    (finding,) = coded(estimate, "other_base")
+    assert finding.doubt and not estimate.verdict().usable and finding.text.endswith("Try --base base.")
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
-    recording = shortened(faulty(3, delay=0.03), 600)
-    without = by_command(tmp_path, [recording], "--base", "base", columns="[setup]\ndelay = 0\nclock = false\n")
-    assert "delay(ground)" not in [each["name"] for each in without["setup"]]
-    given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
+def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path):
+    log, columns = tmp_path / "log.csv", tmp_path / "columns.toml"
+    faulty().save(log)
+    columns.write_text("[setup]\ndelay = 0\nclock = false\naxis_deg = 2\n", encoding="utf-8")
+    assert ident.read_log(log, PENDULUM, columns).setup == {"delay": 0, "clock": False, "axis": np.radians(2)}
     for wrong, message in (
         ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre"),
-        ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
-        (
-            "[setup]\naxis_deg = 400",
-            "setup.axis_deg needs a standard deviation, zero or false, got 400; the largest is 180",
-        ),
+        ("[setup]\naxis_deg = 400", "axis_deg needs a standard deviation, zero or false, got 400; the largest is 180"),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):
-        (tmp_path / "columns.toml").write_text(wrong, encoding="utf-8")
-        assert message in refusal(identify.main, [*given, "--out", str(tmp_path / "none")], capsys)
+        columns.write_text(wrong, encoding="utf-8")
+        assert message in sentence_of(ident.read_log, log, PENDULUM, columns)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
+def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one():
     """Six trials, one of them with everything a quarter heavier."""
     trials = [shortened(faulty(seed), 160) for seed in range(6)]
     heavier = trials[3].measured | {"ground_force": 1.25 * trials[3]["ground_force"]}
     trials[3] = replace(trials[3], measured=heavier)
-    keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg", "centre")
-    exact = "[setup]\n" + "".join(f"{key} = 0\n" for key in keys)
-    estimate = by_command(tmp_path, trials, "--base", "base", columns=exact)
-    apart = np.array(estimate["logs"]["rms_z"])
+    estimate = ident.identify(PENDULUM, trials, setup=dict.fromkeys(PRIORS, 0.0))
+    apart = np.array(estimate.disagreements)
     assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > BEYOND_CHANCE
     # The wrong log is found by comparison with the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
-    (finding,) = (each["values"] for each in estimate["findings"] if each["code"] == "logs_disagree" and each["doubt"])
-    assert 4 in finding["logs"]
+    (finding,) = coded(estimate, "logs_disagree")
+    assert finding.doubt and 4 in finding.values["logs"]
 
 
 def test_logs_have_the_same_channels_and_own_what_logs_can_have():
@@ -137,10 +113,18 @@ def test_logs_have_the_same_channels_and_own_what_logs_can_have():
         (recording, {"own": ["offset", "lag"]}, "own has lag, but no recording has commands; leave it out"),
         (recording, {"own": ["offset"], "offsets": False}, "own has offset, but no offsets are fitted"),
         (recording, {"estimator": "ordinary", "own": ["delay"]}, "Only the trajectory estimate"),
+        (
+            recording,
+            {"estimator": "ordinary", "physical": True},
+            "Only the trajectory estimate can be held to physical",
+        ),
         ([], {}, "at least one recording"),
     ):
         with pytest.raises(ident.InputError, match=message):
             ident.identify(PENDULUM, logs, **options)
+
+
+WRONG = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))  # Links 15 % off.
 
 
 def one_joint_moves():
@@ -181,13 +165,11 @@ def test_bodies_are_physical_where_that_is_asked_for():
     assert (np.linalg.eigvalsh(pseudo_inertia(full.phi.reshape(-1, 10))) > 0).all()
     assert (np.abs(held.psi - TRUTH) < 3 * held.std).all()
     assert (held.held_out.ratio < 1.05 * free.held_out.ratio).all()
-    with pytest.raises(ident.InputError, match="Only the trajectory estimate can be held to physical bodies"):
-        ident.identify(WRONG, faulty(), estimator="ordinary", physical=True)
 
 
 def test_pieces_may_be_worked_on_elsewhere():
-    ready = prepared(PENDULUM, shortened(faulty(), 400))
+    ready = prepared(PENDULUM, shortened(faulty(), 250))
     here = identified(ready)
-    with ProcessPoolExecutor(2) as executor:
+    with ProcessPoolExecutor(1) as executor:
         there = identified(ready, executor=executor)
     np.testing.assert_array_equal(here.psi, there.psi)

@@ -12,8 +12,6 @@ from mechanisms import by_joint
 from recorded_faults import PENDULUM, faulty
 
 import ident
-import scenes
-import sim
 from docs.tools.noise import Case
 from docs.tools.noise_conditions import CONDITIONS
 from ident.estimation.measurement import Measurement
@@ -21,13 +19,11 @@ from ident.estimation.preparation import Part, prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.finding import setup_findings
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.start import likely_delay
 from ident.trajectory.trajectory_estimate import trajectory_estimate
-from sim.motion.excitation import DOUBLE_PENDULUM
 
 pytestmark = pytest.mark.slow
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
@@ -58,20 +54,6 @@ def test_plates_that_are_far_from_the_angles_clock_are_found(seed, late, monkeyp
 def test_plates_on_the_angles_clock_are_left_there(monkeypatch):
     monkeypatch.setattr(lifting, "LATE", 0.0)
     assert not found_of(1, (0.0, 0.0))
-
-
-def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
-    """Far from the clock's origin, a rate error resembles a delay."""
-    monkeypatch.setattr(lifting, "LATE", 0.13)
-    who, lows = lifting.lifter(2), (*LIFTS, (lifting.SQUAT, 0.5))
-    parts = [lifting.recorded(who, *lift, 20 + k, seconds=6 if k else 1) for k, lift in enumerate(lows)]
-    parts = [later(each, start) for each, start in zip(parts, (1000.0, 1014.0, 1024.0), strict=True)]
-    time = np.concatenate([part.time for part in parts])
-    streams = {name: (time, np.concatenate([part[name] for part in parts])) for name in parts[0].measured}
-    judge = lifting.recorded(who, (lifting.SQUAT + lifting.STOOP) / 2, 0.45, 25)
-    whole = ident.Recording.from_streams(streams, sensors=parts[0].sensors)
-    (finding,) = ident.identify(lifting.table(), whole, known=True, held_out=judge).setup
-    assert finding.name == "delay(ground)" and finding.value == pytest.approx(0.13, abs=0.004)
 
 
 def test_a_clock_that_is_fast_is_no_delay():
@@ -171,26 +153,3 @@ def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
     assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
     assert finding.std < 0.002
     assert 0.5 < np.sqrt(np.mean(z_of(result.fit, ready, person) ** 2)) < 1.5
-
-
-def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
-    """One noisy recording of the pendulum, with the hand's wrench in each of the two frames."""
-    spec = scenes.load("double_pendulum", contact="handle")
-    pendulum, recording = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM)
-    cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)
-    kept = {f"{name}_{kind}" for name in ("ground", "contact") for kind in ("force", "torque")}
-    kept |= {f"{joint}_position" for joint in pendulum.joints}
-    own = {name: x for name, x in recording.measured.items() if name in kept}
-    fixed = replace(recording, measured=own, true={}, sensors={"contact": cell})
-    q = recording.noise_free.of_joints(pendulum.tree.joints, "position")
-    link = pendulum.tree.poses(q)[:, pendulum.tree.names.index(cell.body)]
-    values = transform_wrench(link @ cell.pose, fixed.wrench("contact").values)
-    own = own | {"contact_force": values[:, :3], "contact_torque": values[:, 3:]}
-    resting = replace(fixed, measured=own, sensors={"contact": replace(cell, pose=np.eye(4), frame="world")})
-    fits = []
-    for each in (fixed, resting):
-        ready = prepared(pendulum, each, cutoff=8.0)
-        fits.append(trajectory_estimate([Part(ready, slice(0, 500))], ready.equations, setup=EXACT, knots=0.1).fit)
-        assert np.sqrt(np.mean(z_of(fits[-1], ready, pendulum) ** 2)) < 1.6
-    std = np.sqrt(np.diag(fits[0].covariance))
-    assert np.abs((fits[1].theta - fits[0].theta) / std).max() < 0.5

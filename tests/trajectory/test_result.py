@@ -55,7 +55,7 @@ def test_uncertainty_of_the_set_up_is_what_it_would_add_were_it_fitted_as_well(s
         gradient=np.zeros(4),
         prior=SimpleNamespace(known=known, weight=weight),
     )
-    estimate = TrajectoryEstimate(None, Search(fit), (1,), 0.1, False, setup=dict(enumerate(setup, 2)))
+    estimate = TrajectoryEstimate(None, Search(fit), (0.1,), False, setup=dict(enumerate(setup, 2)))
     added = estimate.covariance_of_setup
     expected = np.linalg.inv(information + both)[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
     np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
@@ -94,14 +94,6 @@ def test_slow_residuals_tell_less_than_a_fit_takes_them_for():
     assert (np.abs(estimate.psi - parameters.regroup(arm.known)) < 1.96 * estimate.std).mean() > 0.9
 
 
-def test_a_prior_has_what_is_known_and_how_it_counts():
-    prior = Prior(np.zeros(2), np.diag([4.0, 9.0]))
-    thrice = prior.weighted(3.0)
-    np.testing.assert_allclose(thrice.precision, 3 * prior.precision)
-    for each in (prior.known, thrice.known, thrice.weighted(1.0).precision):
-        np.testing.assert_allclose(each, prior.precision)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_pieces_left_out_of_linear_equations(seed):
     """Parameters without a piece, and what left-out pieces cost less by the last one, which is held otherwise."""
@@ -118,8 +110,7 @@ def test_pieces_left_out_of_linear_equations(seed):
     theta = solved(slice(None), usual)
     shares = [(X.T @ X, X.T @ (z - X @ theta)) for X, z in zip(rows, y, strict=True)]
     noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
-    given = [*"abcde"], [], Prior(np.zeros(p), prior), theta, shares, usual, [noise]
-    fit = TrajectoryFit(*given, [], [], (), "converged")
+    fit = TrajectoryFit([*"abcde"], [], Prior(np.zeros(p), prior), theta, usual, [noise], [], [], shares)
     gain = gains(fit, np.eye(p)[[4]] > 0)[0]
     assert clearly_better(gain) and not clearly_better(np.array([2.0, -1.0]))
     for k in range(pieces):

@@ -1,7 +1,7 @@
 """Search for set-up errors over parameters that are estimated independently."""
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from ident.errors import ExcitationError
 from ident.trajectory import setup_search
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
-from ident.trajectory.setup_search import Search, searched
+from ident.trajectory.setup_search import Search, SearchSpace, searched
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,6 @@ class Independent:
     free: np.ndarray
     status: str = "converged"
     scatters: None = None
-
-    @property
-    def end(self):
-        return setup_search.Start(self.theta, None, ())
 
     @property
     def covariance(self):
@@ -44,15 +40,21 @@ def left_out_pieces_agree(monkeypatch):
     monkeypatch.setattr(setup_search, "gains", lambda fitted, candidates: np.ones((len(candidates), 1)))
 
 
+def space(setup, gross=0.0, groups=MappingProxyType({})):
+    """Set-up parameters without drives beside them."""
+    zeros = np.zeros(len(setup))
+    return SearchSpace(setup, zeros > 0, zeros, zeros + gross, groups)
+
+
 def search_of(best, std, wider=1, groups=None):
     """The deviating parameters and the search for estimates of each, whose refits have a wider standard deviation."""
     best = np.asarray(best, float)
     first = Independent(best, np.broadcast_to(std, best.shape), np.zeros(len(best)), np.zeros(len(best), bool))
 
-    def refit(start, free, rounds):
-        return replace(first, theta=np.where(free, best, start.theta), free=free, std=wider * first.std)
+    def refit(begin):
+        return replace(begin, theta=np.where(begin.free, best, begin.theta), std=wider * first.std)
 
-    search = searched(Search(first), refit, np.ones(len(best), bool), groups or {})
+    search = searched(Search(first), refit, space(np.ones(len(best), bool), groups=groups or {}))
     return [each.index for each in search.deviations], search
 
 
@@ -87,17 +89,15 @@ def test_an_error_beyond_what_is_stated_has_a_wider_prior(sign):
     def search_of_two(best):
         gradient = information @ np.array([best, 0.0])
 
-        def fit_of(theta, free, prior):
-            shares = [(information / 2, (gradient - information @ theta) / 2)] * 2
-            return TrajectoryFit(["a", "b"], [], prior, theta, shares, free, [], [], [], (), "near")
-
-        def refit(start, free, rounds):
-            precision, theta = (information + start.prior.precision)[np.ix_(free, free)], start.theta.copy()
+        def refit(begin):
+            theta, free = begin.theta.copy(), begin.free
+            precision = (information + begin.prior.precision)[np.ix_(free, free)]
             theta[free] = np.linalg.solve(precision, gradient[free])
-            return fit_of(theta, free, start.prior)
+            return replace(begin, theta=theta, shares=[(information / 2, (gradient - information @ theta) / 2)] * 2)
 
-        first = fit_of(np.zeros(2), none, Prior(np.zeros(2), np.eye(2) / 0.001**2))
-        return searched(Search(first), refit, ~none, {}, gross=np.array([0.1, 0.0]))
+        prior = Prior(np.zeros(2), np.eye(2) / 0.001**2)
+        first = refit(TrajectoryFit(["a", "b"], [], prior, np.zeros(2), none, [], [], []))
+        return searched(Search(first), refit, space(~none, np.array([0.1, 0.0])))
 
     far = search_of_two(sign * 0.101)
     assert [each.gross for each in far.deviations] == [True] and abs(far.fit.theta[0] - sign * 0.1) < 0.03
@@ -117,13 +117,22 @@ def test_a_group_of_more_than_are_ever_found_is_no_alternative():
         assert [each.together for each in search.deviations] == [named]
 
 
+def test_an_interrupted_fit_ends_the_search_untested():
+    first = Independent(np.array([2.0]), np.array([0.1]), np.zeros(1), np.zeros(1, bool))
+
+    def refit(begin):
+        return replace(begin, std=100 * begin.std, status="interrupted")
+
+    assert searched(Search(first), refit, space(np.ones(1, bool))).fit.status == "interrupted"
+
+
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 
-    def refit(start, free, rounds):
-        begun.append((start.theta.tolist(), free.tolist()))
+    def refit(begin):
+        begun.append((begin.theta.tolist(), begin.free.tolist()))
         raise ExcitationError("The fit diverges.")
 
-    search = searched(Search(first), refit, np.zeros(2, bool), {}, delays={1: lambda fit: 0.1})
+    search = searched(Search(first), refit, space(np.zeros(2, bool)), {1: lambda fit: 0.1})
     assert search.fit is first and not search.deviations
     assert begun == [([0.0, 0.1], [True, True])]

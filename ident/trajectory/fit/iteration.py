@@ -34,16 +34,14 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import CHANCE
 from ident.trajectory.algebra.arrow import joined
-from ident.trajectory.fit.fitted import TINIEST, Prior, Start, TrajectoryFit, root_of_inverse, share
-from ident.trajectory.fit.piece import Noise, Piece, Point
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, root_of_inverse, share
+from ident.trajectory.fit.piece import Noise, Point
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
-
-SETTLED_NOISE = 0.02
-"""Largest last change of the noise, relative for standard deviations."""
 
 SETTLED_EXPLORING = 0.005
 """Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
@@ -65,9 +63,8 @@ LEAST_LEFT = 0.05
 MOST_CORRELATED = 0.99
 """Upper limit of ρ; above it the mean of a channel is practically free."""
 
-CHANCE, WHITE_AGAIN = 2.0, 1.0
-"""Correlations, in standard deviations of that of white noise: the one above which white noise becomes correlated, and
-the one below which correlated noise becomes white again."""
+WHITE_AGAIN = 1.0
+"""Correlation, in standard deviations of that of white noise, below which correlated noise becomes white again."""
 
 COLOURED_FLOOR = 15.0
 """Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
@@ -96,7 +93,7 @@ class Tolerance(NamedTuple):
 
 
 SETTLED = Tolerance(0.02, 0.1)
-"""Tolerance of convergence."""
+"""Tolerance of convergence; that of θ is that of the noise, too, relative for standard deviations."""
 
 NEAR = Tolerance(0.1, 0.5)
 """Tolerance of fits that only decide: what they decide does not change any more from there on."""
@@ -104,13 +101,8 @@ NEAR = Tolerance(0.1, 0.5)
 
 def fit(
     measurement: Measurement,
-    pieces: Sequence[Piece],
-    start: Start,
+    begin: TrajectoryFit,
     *,
-    prior: Prior,
-    free: np.ndarray,
-    names: Sequence[str] = (),
-    selections: Sequence[np.ndarray] | None = None,
     coloured: bool = True,
     kept: Collection[str] = (),
     explore: bool = False,
@@ -120,18 +112,13 @@ def fit(
     rounds: int = ROUNDS,
     report: Report | None = None,
 ) -> TrajectoryFit:
-    """Fits trajectory, parameters and noise from a starting point.
+    """Fits trajectory, free parameters and noise from a starting point.
 
     An interrupt (Ctrl-C) ends the iteration and returns its current state.
 
     Args:
         measurement: Channels and parameters.
-        pieces: Measured samples.
-        start: Starting point.
-        prior: Prior of θ, unless the start has one.
-        free: Mask of the entries of θ to fit (p,).
-        names: Names of θ, by default those of the measurement.
-        selections: Indices in θ of each piece's parameters; by default all entries for every piece.
+        begin: Starting point.
         coloured: True if noise may be correlated over time.
         kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
         explore: True to end as soon as the channels' noise has converged.
@@ -146,30 +133,26 @@ def fit(
     """
     run = map if executor is None else executor.map
     sent = measurement if executor is None else cast(Measurement, _Sent(measurement))
-    indices = names or measurement.names, selections or [np.arange(len(free))] * len(pieces)
-    problem = _Problem(sent, pieces, start.prior or prior, free, *indices, run)
-    at, trace, status, root, stalled = start, list[float](), "stopped", None, 0
+    computer = _Computer(sent, run)
+    at, trace, status, root, stalled = begin, list[float](), "stopped", None, 0
     try:
         for number in range(rounds):
-            parts = problem.linearised(at, np.flatnonzero(free), root)
-            root = problem.root(parts)
-            step = problem.step(at, parts, root)
-            moves = [part.eliminated.step - part.eliminated.by_theta @ step[free] for part in parts]
-            last = (
-                float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)),
-                _motion(pieces, at, moves),
-            )
+            parts = computer.linearised(at, root)
+            root = _root(at, parts)
+            step = _step(at, parts, root)
+            moves = [part.eliminated.step - part.eliminated.by_theta @ step[at.free] for part in parts]
+            last = float(np.max(np.abs(step[at.free]) / np.linalg.norm(root, axis=1), initial=0)), _motion(at, moves)
             trace.append(last[0])
-            moved, misfits = problem.lower(at, step, moves, parts)
+            moved, misfits = computer.lower(at, step, moves, parts)
             stalled = 0 if moved is not at else stalled + 1
-            before, noises = at.noises, problem.renewed(at.noises, parts, misfits, coloured=coloured, kept=kept)
+            before, noises = at.noises, _renewed(at, parts, misfits, coloured=coloured, kept=kept)
             at = replace(moved, noises=noises)
             if report:
                 report(number, last[0])
             both = list(zip(noises, before, strict=True))
             if explore and number and all(_noise_converged(*pair) for pair in both):
                 status = "near"
-            elif max(new.change(old) for new, old in both) < SETTLED_NOISE and settled.holds(*last):
+            elif max(new.change(old) for new, old in both) < SETTLED.theta and settled.holds(*last):
                 status = "converged" if SETTLED.holds(*last) else "near"
             elif stalled > 1:
                 status = "stuck"
@@ -177,9 +160,8 @@ def fit(
                 break
     except KeyboardInterrupt:
         status = "interrupted"
-    wanted = problem.shares(at) if len(free) and (shares or status == "interrupted") else []
-    ended = at.noises, at.coefficients, pieces, tuple(trace), status
-    return TrajectoryFit(problem.names, problem.selections, problem.prior, at.theta, wanted, free, *ended)
+    wanted = computer.shares(at) if len(at.free) and (shares or status == "interrupted") else []
+    return replace(at, shares=wanted, trace=tuple(trace), status=status, scatters=None, bounded=None)
 
 
 class _Sent:
@@ -205,99 +187,92 @@ def _unpacked(packed: bytes) -> Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
-    """Minimisation problem over all pieces."""
+class _Computer:
+    """What every piece contributes, computed here or by an executor."""
 
     measurement: Measurement
-    pieces: Sequence[Piece]
-    prior: Prior
-    free: np.ndarray
-    names: Sequence[str]
-    selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
 
-    def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None) -> list[Linearised]:
-        """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
+    def linearised(self, at: TrajectoryFit, root: np.ndarray | None) -> list[Linearised]:
+        """Normal equations of every piece for the free entries of θ, trajectories eliminated, other entries fixed.
 
         Args:
             at: Point of linearisation.
-            wanted: Indices of these entries (k,).
-            root: Root of their covariance (k, k), if known.
+            root: Root of the covariance of these k entries (k, k), if known.
         """
-        return list(self._run(partial(_linearised, self.measurement, wanted, root), at, self.selections))
+        work = partial(_linearised, self.measurement, np.flatnonzero(at.free), root)
+        return list(self.run(work, at.points, at.selections))
 
-    def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
+    def shares(self, at: TrajectoryFit) -> list[tuple[np.ndarray, np.ndarray]]:
         """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
-        every = self._run(partial(_share, self.measurement), at)
-        pairs = zip(every, self.selections, strict=True)
-        return [share(schur, right, own, len(self.free)) for (schur, right), own in pairs]
-
-    def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
-        """Results of a function of each piece's point, and more."""
-        return self.run(work, at.points(self.pieces, self.selections), *more)
-
-    def root(self, parts: Sequence[Linearised]) -> np.ndarray:
-        """Root of the covariance of the fitted parameters (k, k)."""
-        names = [name for name, fitted in zip(self.names, self.free, strict=True) if fitted]
-        known = self.prior.precision[np.ix_(self.free, self.free)]
-        return root_of_inverse(sum((part.eliminated.precision for part in parts), start=known), names)
-
-    def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
-        """Gauss-Newton step of θ (p,), from a root of the covariance of the fitted parameters (k, k)."""
-        pulled = -self.prior.precision @ (at.theta - self.prior.mean)
-        gradient = sum((part.eliminated.gradient for part in parts), start=pulled[self.free])
-        step = np.zeros_like(at.theta)
-        step[self.free] = root @ (root.T @ gradient)
-        return step
-
-    def renewed(
-        self,
-        before: Sequence[Noise],
-        parts: Sequence[Linearised],
-        misfits: Sequence[Misfit],
-        *,
-        coloured: bool,
-        kept: Collection[str],
-    ) -> list[Noise]:
-        """Noise of every recording updated after a step."""
-        out = list[Noise]()
-        for log, old in enumerate(before):
-            own = [k for k, piece in enumerate(self.pieces) if piece.log == log]
-            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=coloured)
-            # A larger λ, infinite at rest, would leave equations that cannot be solved.
-            splines = [(self.pieces[k].spline, self.pieces[k].time) for k in own]
-            scale = min(spline.step**6 * len(time) / float(np.ptp(time)) for spline, time in splines)
-            new = replace(new, jerk=np.minimum(new.jerk, SMOOTHEST * scale / new.states**2))
-            out.append(replace(new, **{name: getattr(old, name) for name in kept}))
-        return out
+        pairs = zip(self.run(partial(_share, self.measurement), at.points), at.selections, strict=True)
+        return [share(schur, right, own, len(at.free)) for (schur, right), own in pairs]
 
     def lower(
-        self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
-    ) -> tuple[Start, list[Misfit]]:
+        self, at: TrajectoryFit, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
+    ) -> tuple[TrajectoryFit, list[Misfit]]:
         """Point after a step that lowers the cost, halved as often as needed, and misfits there.
 
         Of the penalty, the part that θ leaves out counts for the motion alone: it is taken from the cost to second
         order in θ. The point is `at` itself if no step length lowers the cost.
         """
-        before, size, own = self._whole(parts, at), 1.0, step[self.free]
+        before, size, own = _whole(parts, at), 1.0, step[at.free]
         pull = sum(float(part.eliminated.pull @ own) for part in parts)
         bend = sum(float(own @ part.eliminated.bend @ own) for part in parts)
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
             misfits = self._misfits(moved)
-            if self._whole(misfits, moved) + size * (2 * pull - size * bend) <= before * (1 + 1e-12):
+            if _whole(misfits, moved) + size * (2 * pull - size * bend) <= before * (1 + 1e-12):
                 return moved, misfits
             size /= 2
         return at, self._misfits(at)
 
-    def _misfits(self, at: Start) -> list[Misfit]:
+    def _misfits(self, at: TrajectoryFit) -> list[Misfit]:
         """Misfits of all pieces."""
-        return list(self._run(partial(misfit, self.measurement), at))
+        return list(self.run(partial(misfit, self.measurement), at.points))
 
-    def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
-        """Cost of all pieces and of θ."""
-        off = at.theta - self.prior.mean
-        return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
+
+def _whole(parts: Sequence[Misfit | Linearised], at: TrajectoryFit) -> float:
+    """Cost of all pieces and of θ."""
+    off = at.theta - at.prior.mean
+    return sum(each.cost for each in parts) + float(off @ at.prior.precision @ off)
+
+
+def _root(at: TrajectoryFit, parts: Sequence[Linearised]) -> np.ndarray:
+    """Root of the covariance of the free parameters (k, k)."""
+    names = [name for name, fitted in zip(at.names, at.free, strict=True) if fitted]
+    known = at.prior.precision[np.ix_(at.free, at.free)]
+    return root_of_inverse(sum((part.eliminated.precision for part in parts), start=known), names)
+
+
+def _step(at: TrajectoryFit, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
+    """Gauss-Newton step of θ (p,), from a root of the covariance of the free parameters (k, k)."""
+    pulled = -at.prior.precision @ (at.theta - at.prior.mean)
+    gradient = sum((part.eliminated.gradient for part in parts), start=pulled[at.free])
+    step = np.zeros_like(at.theta)
+    step[at.free] = root @ (root.T @ gradient)
+    return step
+
+
+def _renewed(
+    at: TrajectoryFit,
+    parts: Sequence[Linearised],
+    misfits: Sequence[Misfit],
+    *,
+    coloured: bool,
+    kept: Collection[str],
+) -> list[Noise]:
+    """Noise of every recording updated after a step."""
+    out = list[Noise]()
+    for log, old in enumerate(at.noises):
+        own = [k for k, piece in enumerate(at.pieces) if piece.log == log]
+        new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=coloured)
+        # A larger λ, infinite at rest, would leave equations that cannot be solved.
+        splines = [(at.pieces[k].spline, at.pieces[k].time) for k in own]
+        scale = min(spline.step**6 * len(time) / float(np.ptp(time)) for spline, time in splines)
+        new = replace(new, jerk=np.minimum(new.jerk, SMOOTHEST * scale / new.states**2))
+        out.append(replace(new, **{name: getattr(old, name) for name in kept}))
+    return out
 
 
 def _share(measurement: Measurement, point: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -318,15 +293,15 @@ def _linearised(
     return part._replace(eliminated=joined([(every, place, part.eliminated)], len(every), len(wanted)))
 
 
-def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:
+def _moved(at: TrajectoryFit, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> TrajectoryFit:
     places = [c + size * move.reshape(c.shape) for c, move in zip(at.coefficients, moves, strict=True)]
     return replace(at, theta=at.theta + size * step, coefficients=places)
 
 
-def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> float:
+def _motion(at: TrajectoryFit, moves: Sequence[np.ndarray]) -> float:
     """Largest step of coefficients between the first and last samples, in standard deviations of the coordinates."""
     motion = 0.0
-    for piece, move in zip(pieces, moves, strict=True):
+    for piece, move in zip(at.pieces, moves, strict=True):
         std = at.noises[piece.log].states
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))

@@ -42,13 +42,10 @@ take 2.2 GB; half of them take 1.3 GB, and standard deviations differ by 1 %."""
 UPDATES = 100
 """Number of multiplicative updates of the amplitudes, which never lower the likelihood."""
 
-DOUBTED = 2.0
-"""Least gain in log likelihood with which a correlation time is included: by chance there is always some gain, and a
-little of the slowest noise matters for parameters with nearly constant columns."""
-
-ALIKE = 1.5
-"""Variance of a band's power over that of independent frequencies: the taper makes neighbouring ones alike. It is the
-mean fourth power of the taper."""
+DOUBTED = 3.0
+"""Least gain in log likelihood, as if frequencies were independent, with which a correlation time is included: by
+chance there is always some gain, and a little of the slowest noise matters for parameters with nearly constant columns.
+It stands for a gain of 2: the taper makes neighbouring frequencies alike, by its mean fourth power of 1.5."""
 
 LEFT = 0.05
 """Least share of white noise left in a band with which it is used, relative to the band with most."""
@@ -107,35 +104,25 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
     shortest = SHORTEST * streams[-1].step
     number = max(int(np.log(longest / LONGEST / shortest) / np.log(FACTOR)) + 1, 1)
     times = np.append(0.0, shortest * FACTOR ** np.arange(number))
-    kinds = [stream.by_row is not None for stream in streams]
     total = root.T @ (fit.precision - fit.prior.precision) @ root
-    parts = {
-        k: [
+    share = sum(len(piece.when) for piece in fit.pieces) / sum(len(fit.pieces[k].when) for k in responses)
+    by_piece = [
+        [
             _Absorbed.of(here, which, root[fit.selections[k]], _Bands.of(stream, edges, times))
             for which, stream in enumerate(here.streams)
         ]
         for k, here in responses.items()
-    }
-    share = sum(len(piece.when) for piece in fit.pieces) / sum(len(fit.pieces[k].when) for k in responses)
-    pulls = {kind: np.zeros((len(times), *total.shape)) for kind in kinds}
-    for part in parts.values():
-        for kind, own in zip(kinds, part, strict=True):
-            pulls[kind] += share * own.pulls
-    spectra: list[np.ndarray] = [np.zeros(())] * len(streams)
-    for k, here in responses.items():
-        followed = here.followed(np.sqrt(edges[1:] * edges[:-1]))
-        for which, kind in enumerate(kinds):
-            own = parts[k][which]
-            h = followed[which][:, own.bands.band]
-            *effects, of_others = own.effect(np.stack([*pulls[kind], total - pulls[kind][0]]))
-            left = own.bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * own.taken + effects
-            other = own.bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
-            every = np.stack([own.bands.observed, own.bands.summed(np.ones_like(h[0]))[0], other, *left])
-            spectra[which] = spectra[which] + np.maximum(every, 0)
-    white = np.eye(len(times))[:, :1]
-    amplitudes = [_amplitudes(*own[:3], kinds=own[3:]) for own in spectra]
-    pairs = zip(streams, amplitudes, strict=True)
-    return NoiseColours(times, [np.where(_at_floor(fit, stream), white, own) for stream, own in pairs])
+    ]
+    followed = [here.followed(np.sqrt(edges[1:] * edges[:-1])) for here in responses.values()]
+    amplitudes = list[np.ndarray]()
+    for which, stream in enumerate(streams):
+        alike = [k for k, other in enumerate(streams) if (other.by_row is None) == (stream.by_row is None)]
+        pulls = share * np.sum([own[k].pulls for own in by_piece for k in alike], axis=0)
+        each = zip(by_piece, followed, strict=True)
+        powers = np.sum([own[which].powers(h[which], pulls, total) for own, h in each], axis=0)
+        own = _amplitudes(*powers[:3], kinds=powers[3:])
+        amplitudes.append(np.where(_at_floor(fit, stream), np.eye(len(times))[:, :1], own))
+    return NoiseColours(times, amplitudes)
 
 
 def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
@@ -230,6 +217,20 @@ class _Absorbed(NamedTuple):
         mean = bands.kinds @ bands.matrix.T / np.maximum(bands.matrix.sum(axis=1), 1)
         return cls(explained, bands, bands.matrix @ (bands.kinds[..., None] * across), np.tensordot(mean, sums, axes=1))
 
+    def powers(self, followed: np.ndarray, pulls: np.ndarray, total: np.ndarray) -> np.ndarray:
+        """Observed power, number of frequencies, power of what else there is, and of each kind left (3 + b, B, s).
+
+        Args:
+            followed: Shares h in parts of the piece (k, B, s).
+            pulls: Sum of `pulls` over all streams of the kind (b, q, q).
+            total: Precision of θ from the recordings, times the root on either side (q, q).
+        """
+        bands, h = self.bands, followed[:, self.bands.band]
+        *effects, of_others = self.effect(np.stack([*pulls, total - pulls[0]]))
+        left = bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * self.taken + effects
+        other = bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
+        return np.maximum(np.stack([bands.observed, bands.summed(np.ones_like(h[0]))[0], other, *left]), 0)
+
     def effect(self, of_theta: np.ndarray) -> np.ndarray:
         """Power of effects of θ in the bands, with covariances over the root (b, q, q): (b, B, s)."""
         _, s, q = self.explained.shape
@@ -302,4 +303,4 @@ def _likeliest(
             pull, weight = (np.einsum("kbt,bt->kt", own, x) for x in (weights * (observed / power), weights))
             a *= np.sqrt(pull / np.maximum(weight, TINIEST))
     information = np.log(power / np.where(counts > 0, counts, 1)) + observed / power
-    return a, -(counts * information).sum(axis=0) / ALIKE
+    return a, -(counts * information).sum(axis=0)

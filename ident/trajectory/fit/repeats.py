@@ -32,9 +32,6 @@ RESTS = 0.1
 FEWEST = 0.25
 """Least share of the samples that have a partner one period later."""
 
-PHASES = 4
-"""Least number of a channel's samples in a period, with which two of them are at the same phase to an eighth of it."""
-
 REPEATED = 1.5
 """Median variance of sums of residuals, over that of independent periods, above which their errors are repeated: of two
 periods, which have at most 2, with a correlation of a half."""
@@ -212,9 +209,6 @@ def repetition(
     out = np.empty((3, residuals[0].shape[1]))
     for k in range(out.shape[1]):
         step, e = on_grid(times, [x[:, [k]] for x in residuals])
-        if motion.lag < PHASES * step:
-            out[:, k] = 0, 0, 1
-            continue
         pairs, products = of_pairs(e)[:2, :, 0]
         every = np.round(np.arange(1, len(e) * step / motion.lag) * motion.lag / step).astype(int)
         every = every[every < len(e)]

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 from ident.estimation.preparation import Part, prepared
 from ident.trajectory import stages
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
+from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import Noise
 from ident.trajectory.fit.sandwich import with_scatter
@@ -38,12 +38,11 @@ def estimate():
 def test_threads_change_no_bit(monkeypatch):
     """They share the measurement, whose programs are not packed for other processes."""
     fit, measurement = estimate().fit, estimate().measurement
-    away = Start(fit.theta + 3 * np.sqrt(np.diag(fit.covariance)), fit.noises, fit.coefficients)
-    given = {name: getattr(fit, name) for name in ("prior", "free", "names", "selections")} | {"settled": SETTLED}
-    alone = iteration.fit(measurement, fit.pieces, away, coloured=False, **given)
+    away = replace(fit, theta=fit.theta + 3 * np.sqrt(np.diag(fit.covariance)))
+    alone = iteration.fit(measurement, away, coloured=False)
     monkeypatch.setattr(iteration.pickle, "dumps", None)
     with ThreadPoolExecutor(3) as executor:
-        shared = iteration.fit(measurement, fit.pieces, away, coloured=False, executor=executor, **given)
+        shared = iteration.fit(measurement, away, coloured=False, executor=executor)
     assert shared.trace == alone.trace
     np.testing.assert_array_equal(shared.theta, alone.theta)
     np.testing.assert_array_equal(shared.precision, alone.precision)
@@ -63,9 +62,9 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     def stop(*_):
         raise KeyboardInterrupt
 
-    def interrupted(*at, **how):
-        last = how["free"].any() and how["settled"] is SETTLED
-        fit = plain(*at, **how | ({"report": stop} if last else {}))
+    def interrupted(measurement, begin, **how):
+        last = begin.free.any() and how["settled"] is SETTLED
+        fit = plain(measurement, begin, **how | ({"report": stop} if last else {}))
         # A fit that decides may converge, and needs no last one then.
         return replace(fit, status="near") if fit.status == "converged" else fit
 
@@ -80,22 +79,21 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
 def test_drives_are_those_of_non_negative_least_squares():
     """Columns are correlated, so that drives that are negative together need not be negative one by one."""
     P, none, freed = 6, np.zeros(0), 0
-    drives, noise = (
-        np.arange(P) >= 2,
-        Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none),
+    drives, noise = np.arange(P) >= 2, Noise(none, none, none, none, none, none, none)
+    begin = TrajectoryFit(
+        [*"abcdef"], [], Prior(np.zeros(P), np.zeros((P, P))), np.zeros(P), np.ones(P) > 0, [noise], [], []
     )
     for seed in range(20):
         rng = np.random.default_rng(seed)
         A = rng.normal(size=(30, P)) @ rng.normal(size=(P, P))
         y = A @ rng.normal(size=P) + 3 * rng.normal(size=30)
 
-        def solve(begin, *, free, rounds, A=A, y=y):
-            theta = begin.theta.copy()
+        def solve(at, A=A, y=y):
+            theta, free = at.theta.copy(), at.free
             theta[free] = np.linalg.lstsq(A[:, free], y - A[:, ~free] @ theta[~free], rcond=None)[0]
-            share, prior = (A.T @ A, A.T @ (y - A @ theta)), Prior(np.zeros(P), np.zeros((P, P)))
-            return TrajectoryFit([*"abcdef"], [], prior, theta, [share], free, [noise], [], [], (), "converged")
+            return replace(at, theta=theta, shares=[(A.T @ A, A.T @ (y - A @ theta))], status="converged")
 
-        fit = stages.with_positive(solve, drives, Start(np.zeros(P), [noise], []), np.ones(P, bool), 10)
+        fit = stages.with_positive(solve, begin, drives)
         best = lsq_linear(A, y, bounds=(np.where(drives, 0.0, -np.inf), np.inf), tol=1e-12)
         assert (fit.theta[drives] >= 0).all()
         np.testing.assert_array_equal(fit.bounded, drives & (fit.theta == 0))

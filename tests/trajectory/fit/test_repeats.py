@@ -111,14 +111,6 @@ def test_variance_of_sums_of_residuals_that_repeat(rng, share):
     np.testing.assert_allclose(factors, 1 + correlation * (periods - 1))
 
 
-@pytest.mark.parametrize(("step", "shown"), [(0.5, True), (0.6, False), (4.5, False)])
-def test_channels_that_are_slower_than_the_motion_show_no_phases(step, shown):
-    """A residual of 2 s, sampled less than four times in a period."""
-    t = step * np.arange(400)
-    correlation, _, factor = repetition([t], [np.sin(np.pi * t + 0.3)[:, None]], of_period(2.0))
-    assert (correlation > 0.5, factor > 1.5) == (shown, shown)
-
-
 def fit_of(*pieces):
     """A fit of recordings of one piece each, as far as `trials` reads it."""
     noises = [SimpleNamespace(states=np.zeros(pieces[0].states.shape[1]))] * len(pieces)
@@ -204,11 +196,10 @@ def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, given
     assert least < np.median(std_of(many.trajectory.fit) / std_of(few.trajectory.fit)) < most
 
 
-@pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0.6, 0.8), (0.02, 0.9, 1.1)])
-def test_trials_of_a_motion_tell_more_than_one_unless_what_is_not_explained_repeats(size, least, most):
-    few, many = (estimated(1.5, size, logs=number) for number in (1, 2))
-    assert least < np.median(std_of(many.trajectory.fit) / std_of(few.trajectory.fit)) < most
-    assert [each.values["logs"] for each in many.findings if each.code == "logs_repeat"] == [(1, 2)] * bool(size)
+def test_two_trials_of_a_motion_tell_no_more_than_one_if_what_is_not_explained_repeats():
+    few, many = (estimated(1.5, 0.02, logs=number) for number in (1, 2))
+    assert 0.9 < np.median(std_of(many.trajectory.fit) / std_of(few.trajectory.fit)) < 1.1
+    assert [each.values["logs"] for each in many.findings if each.code == "logs_repeat"] == [(1, 2)]
 
 
 def test_what_repeats_counts_once_for_what_logs_share_alone(monkeypatch):

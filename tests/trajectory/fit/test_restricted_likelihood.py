@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from ident.trajectory.algebra import whitening
 from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import LEAST_MOTION, fit, renewed
 from ident.trajectory.fit.piece import Noise, Piece, Point
 from ident.trajectory.fit.piece_equations import linearised, misfit
@@ -160,8 +160,15 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
     channel = (-inertia * waves @ (size * w**2) + 0.1 * rng.normal(size=number))[:, None]
     piece = Piece(Spline.over(-0.1, time[-1] + 0.1, 0.1), time, measured, time, channel, np.zeros((number, 2, 0)))
     noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
-    start = Start(np.array([inertia]), [noise], smoothed([piece], [noise]).coefficients)
-    fitted = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
+    alone, prior = smoothed([piece], [noise]), Prior(np.zeros(1), np.zeros((1, 1)))
+    given = {
+        "names": ["inertia"],
+        "of_recording": [np.array([0])],
+        "prior": prior,
+        "noises": [noise],
+        "pieces": [piece],
+    }
+    fitted = fit(Turned(), replace(alone, **given, theta=np.array([inertia]), free=np.array([True])))
     return (fitted.theta[0] - inertia) / np.sqrt(fitted.covariance[0, 0])
 
 

@@ -111,8 +111,8 @@ def test_spectra_are_those_of_noise_that_was_drawn_without_its_slowest_part():
 
 def test_noise_is_estimated_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):
     """Parameters that the selected pieces leave open are known from the others."""
-    monkeypatch.setattr(noise_colours, "ENOUGH", 400)
-    estimate = ident.identify(PENDULUM, [shortened(faulty(seed), 400) for seed in range(3)], own=["offset"])
+    monkeypatch.setattr(noise_colours, "ENOUGH", 250)
+    estimate = ident.identify(PENDULUM, [shortened(faulty(seed), 250) for seed in range(3)], own=["offset"])
     assert np.isfinite(estimate.std).all() and (estimate.std > 0).all()
 
 
