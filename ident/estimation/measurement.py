@@ -26,7 +26,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape, Value, gradient, uncollected
+from ident.model.tape import Program, Signal, Value, gradient, recording
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.tolerances import DRIVE
 
@@ -110,7 +110,7 @@ class Measurement(ChannelParameters):
                 orientations of tracked bodies, in halves (N, 2, 6 k).
             theta: Parameters (p,).
         """
-        program = self._recorder._channels_program
+        program, *_ = self._recorder._programs
         every = np.arange(program.results)
         return self._run(program, (states, wrenches, theta), every, every, program.results)
 
@@ -123,9 +123,9 @@ class Measurement(ChannelParameters):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
         n, channels, displaced = self.coordinates, self.width, self.is_displaced(theta)
-        program, nonzero = self._recorder._displaced_program if displaced else self._recorder._gradients_program
+        _, program, nonzero = self._recorder._programs
         # Those by `unseen` are after those by θ, if they count at all.
-        by = np.r_[: 3 * n, 3 * n + columns, 3 * n + len(theta) : nonzero.shape[1]]
+        by = np.r_[: 3 * n, 3 * n + columns, 3 * n + len(theta) : nonzero.shape[1] if displaced else 0]
         every, position = np.arange(channels), np.zeros(nonzero.shape, int)
         position[nonzero] = np.arange(channels, channels + nonzero.sum())
         wanted = position[:, by].ravel()
@@ -143,7 +143,7 @@ class Measurement(ChannelParameters):
 
     def dependence(self, theta: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
-        n, (_, nonzero) = self.coordinates, self._recorder._gradients_program
+        n, (*_, nonzero) = self.coordinates, self._recorder._programs
         of_theta = nonzero[:, 3 * n + columns]
         if self.is_displaced(theta):
             of_bodies = columns < self.equations.parameters.rank
@@ -194,44 +194,22 @@ class Measurement(ChannelParameters):
         return self
 
     @cached_property
-    @uncollected()
-    def _channels_program(self) -> Program:
-        """Program that computes the channels."""
-        tape, _, results = self._recorded()
-        return Program.of(tape, results)
+    def _programs(self) -> tuple[Program, Program, np.ndarray]:
+        """Programs of the channels, and of the channels and then their gradients that are not identically zero.
 
-    @cached_property
-    @uncollected()
-    def _gradients_program(self) -> tuple[Program, np.ndarray]:
-        """Program that computes the channels and then their gradients that are not identically zero, and their mask.
-
-        The mask tells the derivatives of each channel by states and by θ (C, 3 n + p).
+        Last the mask of the latter: derivatives of each channel by states, by θ and by `unseen` (C, 3 n + p + d).
         """
-        return self._gradients(by_unseen=False)
-
-    @cached_property
-    @uncollected()
-    def _displaced_program(self) -> tuple[Program, np.ndarray]:
-        """The same, with gradients by `unseen` after those by θ."""
-        return self._gradients(by_unseen=True)
-
-    def _gradients(self, *, by_unseen: bool) -> tuple[Program, np.ndarray]:
-        tape, wanted, channels = self._recorded()
-        wanted = wanted if by_unseen else wanted[: len(wanted) - len(self._unseen[0])]
-        gradients = [gradient(channel, wanted) for channel in channels]
-        nonzero = np.array([[isinstance(d, Signal) or d != 0 for d in row] for row in gradients], bool)
-        kept = [gradients[c][k] for c, k in np.argwhere(nonzero)]
-        return Program.of(tape, channels + kept), nonzero.reshape(len(channels), len(wanted))
-
-    def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
-        """Tape of the channels, its inputs that are states, θ and `unseen`, and the channels."""
         n, d, measured = self.coordinates, len(self.tree.dependent), len(self.contacts) + len(self.tracked)
         d += len(self._on.dependent) if self._on else 0
         ends = np.cumsum([3 * n, d, 12 * measured, len(self.names), len(self._unseen[0])])
-        tape = Tape(int(ends[-1]) + len(self._slips))
-        states, starts, wrenches, theta, unseen, slips = np.split(np.array(tape.inputs), ends)
-        channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, unseen, slips)
-        return tape, [*states, *theta, *unseen], channels
+        with recording(int(ends[-1]) + len(self._slips)) as tape:
+            states, starts, wrenches, theta, unseen, slips = np.split(np.array(tape.inputs), ends)
+            channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, unseen, slips)
+            gradients = [gradient(channel, [*states, *theta, *unseen]) for channel in channels]
+            nonzero = np.array([[isinstance(d, Signal) or d != 0 for d in row] for row in gradients], bool)
+            nonzero = nonzero.reshape(len(channels), -1)
+            kept = [gradients[c][k] for c, k in np.argwhere(nonzero)]
+            return Program.of(tape, channels), Program.of(tape, channels + kept), nonzero
 
     def _channels(
         self,

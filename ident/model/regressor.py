@@ -21,7 +21,7 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
 from ident.model.axes import Axes
-from ident.model.tape import Program, Tape, gradient, uncollected
+from ident.model.tape import Program, gradient, recording
 from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK = 2048
@@ -217,10 +217,9 @@ def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: b
 
 
 @lru_cache(maxsize=64)
-@uncollected()
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
-    tape = Tape(freedoms(tree)[-1] + (9 if moving else 0))
-    return Program.of(tape, one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
+    with recording(freedoms(tree)[-1] + (9 if moving else 0)) as tape:
+        return Program.of(tape, one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
 
 
 def one_sample(
@@ -299,10 +298,10 @@ def pulled_back(
 def _derivatives(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], torques: bool) -> Program:
     """Program from joint states and adjoints (columns, rows), flattened, to the derivatives with respect to states."""
     states = tree.size + len(tree.dependent) + 2 * len(tree.freedoms)
-    tape = Tape(states + len(columns) * (len(tree.freedoms) if torques else 6))
-    inputs = np.array(tape.inputs)
-    Y = one_sample(tree, np.array(gravity), columns, inputs[:states], torques)
-    return Program.of(tape, gradient(Y @ inputs[states:], tape.inputs[:states]))
+    with recording(states + len(columns) * (len(tree.freedoms) if torques else 6)) as tape:
+        inputs = np.array(tape.inputs)
+        Y = one_sample(tree, np.array(gravity), columns, inputs[:states], torques)
+        return Program.of(tape, gradient(Y @ inputs[states:], tape.inputs[:states]))
 
 
 def inverse_dynamics(
@@ -335,18 +334,17 @@ def inverse_dynamics(
 
 
 @lru_cache(maxsize=64)
-@uncollected()
 def _dynamics(tree: Tree, moving: bool, stretched: bool) -> Program:
     """Program that computes wrench and torques from `program_inputs`, acceleration at rest, φ, and relative lengths."""
     ends = freedoms(tree)
     ends = np.append(ends, ends[-1] + np.cumsum([9 if moving else 3, 10 * len(tree.inertial)]))
-    tape = Tape(int(ends[-1]) + stretched * len(tree.bodies))
-    q, dq, ddq, root, phi, lengths = np.split(np.array(tape.inputs), ends)
-    if stretched:
-        pairs = zip(tree.bodies, lengths, strict=True)
-        bodies = (replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] * length)) for body, length in pairs)
-        tree = replace(tree, bodies=tuple(bodies))
-    w, dw, a = root.reshape(3, 3) if moving else (np.zeros(3), np.zeros(3), root)
-    motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
-    wrenches = closed_form.body_wrenches(tree, motions, phi)
-    return Program.of(tape, [*np.sum(wrenches, axis=0), *closed_form.joint_torques(tree, motions, q, wrenches)])
+    with recording(int(ends[-1]) + stretched * len(tree.bodies)) as tape:
+        q, dq, ddq, root, phi, lengths = np.split(np.array(tape.inputs), ends)
+        if stretched:
+            pairs = zip(tree.bodies, lengths, strict=True)
+            bodies = (replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] * length)) for body, length in pairs)
+            tree = replace(tree, bodies=tuple(bodies))
+        w, dw, a = root.reshape(3, 3) if moving else (np.zeros(3), np.zeros(3), root)
+        motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+        wrenches = closed_form.body_wrenches(tree, motions, phi)
+        return Program.of(tape, [*np.sum(wrenches, axis=0), *closed_form.joint_torques(tree, motions, q, wrenches)])

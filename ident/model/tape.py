@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from heapq import heappop, heappush
 from typing import cast
 
 import numpy as np
@@ -25,48 +24,27 @@ from ident.model.compiled import Instruction
 Number = int | float
 
 
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Pauses garbage collection, also as a decorator: searches of a tape for garbage took half of its recording."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
 class Tape:
     """A record of operations, each on earlier results, inputs or numbers.
 
     Attributes:
-        steps: Every operation and its operands, in the order of their results; None and an empty tuple for an input.
-        inputs: The inputs, which are the first results.
-        results: Result of each of the other steps.
-        places: Operands of every step as indices of steps, or `~k` for number k.
-        numbers: The numbers, and their k.
+        signals: The inputs, and then the result of every operation, in the order in which they were recorded.
+        inputs: The inputs.
+        results: Result of every operation on its operands.
     """
 
     def __init__(self, inputs: int) -> None:
-        self.steps: list[Step] = [(None, ())] * inputs
-        self.inputs = [Signal(self, k) for k in range(inputs)]
-        self.results: dict[Step, Signal] = {}
-        self.places: list[tuple[int, ...]] = [()] * inputs
-        self.numbers = dict[float, int]()
+        self.signals = [Signal(self, k) for k in range(inputs)]
+        self.inputs = self.signals.copy()
+        self.results: dict[tuple[np.ufunc, tuple[Signal | Number, ...]], Signal] = {}
 
     def record(self, operation: np.ufunc, *operands: "Signal | Number") -> "Signal":
         """Records an operation, unless it is on the tape already, and returns its result."""
         step = operation, operands
         known = self.results.get(step)
         if known is None:
-            known = self.results[step] = Signal(self, len(self.steps))
-            self.steps.append(step)
-            numbers = self.numbers
-            places = [
-                x.index if isinstance(x, Signal) else ~numbers.setdefault(float(x), len(numbers)) for x in operands
-            ]
-            self.places.append(tuple(places))
+            known = self.results[step] = Signal(self, len(self.signals), operation, operands)
+            self.signals.append(known)
         return known
 
 
@@ -75,14 +53,18 @@ class Signal:
 
     Attributes:
         tape: The tape on which it is recorded.
-        index: Index of its step.
+        index: Its index there.
+        operation: The operation, None of an input.
+        operands: Its operands.
         opposite: The signal of which it is the negative, if it was recorded as one.
     """
 
-    __slots__ = ("index", "opposite", "tape")
+    __slots__ = ("index", "operands", "operation", "opposite", "tape")
 
-    def __init__(self, tape: Tape, index: int) -> None:
-        self.tape, self.index = tape, index
+    def __init__(
+        self, tape: Tape, index: int, operation: np.ufunc | None = None, operands: tuple["Signal | Number", ...] = ()
+    ) -> None:
+        self.tape, self.index, self.operation, self.operands = tape, index, operation, operands
         self.opposite: Signal | None = None
 
     def __neg__(self) -> "Signal":
@@ -155,28 +137,41 @@ class Signal:
         return self.tape.record(np.cos, self)
 
 
+@contextmanager
+def recording(inputs: int) -> Iterator[Tape]:
+    """Gives a tape for a block, without garbage collection: searches of a tape for garbage took half of its recording.
+
+    Signals and their tape refer to each other; it is cleared in the end, so that nothing of it waits to be collected.
+    """
+    enabled, tape = gc.isenabled(), Tape(inputs)
+    gc.disable()
+    try:
+        yield tape
+    finally:
+        for record in (tape.signals, tape.inputs, tape.results):
+            record.clear()
+        if enabled:
+            gc.enable()
+
+
 def _by_age(one: Signal, other: Signal) -> tuple[Signal, Signal]:
     """Two signals in the order in which they were recorded, so that `a + b` and `b + a` are one step."""
     return (one, other) if one.index < other.index else (other, one)
 
 
-Step = tuple[np.ufunc | None, tuple[Signal | Number, ...]]
-"""An operation and its operands."""
-
-
 Value = Signal | Number
 
-_DERIVATIVES: dict[np.ufunc, Callable[..., tuple[Value, ...]]] = {
-    np.negative: lambda y, a, x: (-a,),
-    np.add: lambda y, a, x, z: (a, a),
-    np.subtract: lambda y, a, x, z: (a, -a),
-    np.multiply: lambda y, a, x, z: (a * z, a * x),
-    np.divide: lambda y, a, x, z: (a / z, -(a * y / z)),
-    np.sin: lambda y, a, x: (a * x.cos(),),
-    np.cos: lambda y, a, x: (-(a * x.sin()),),
-    np.tanh: lambda y, a, x: (a - a * (y * y),),
+_DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Value], ...]] = {
+    np.negative: (lambda y, a, x: -a,),
+    np.add: (lambda y, a, x, z: a, lambda y, a, x, z: a),
+    np.subtract: (lambda y, a, x, z: a, lambda y, a, x, z: -a),
+    np.multiply: (lambda y, a, x, z: a * z, lambda y, a, x, z: a * x),
+    np.divide: (lambda y, a, x, z: a / z, lambda y, a, x, z: -(a * y / z)),
+    np.sin: (lambda y, a, x: a * x.cos(),),
+    np.cos: (lambda y, a, x: -(a * x.sin()),),
+    np.tanh: (lambda y, a, x: a - a * (y * y),),
 }
-"""Adjoints of the operands, from the result y, its adjoint a, and the operands."""
+"""Adjoint of each operand, from the result y, its adjoint a, and the operands."""
 
 
 def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
@@ -191,25 +186,18 @@ def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
     """
     if not isinstance(result, Signal):
         return [0.0] * len(inputs)
-    tape = result.tape
-    adjoints: dict[int, Value] = {result.index: 1.0}
-    # Steps that the result depends on, the latest first.
-    ahead = [-result.index]
-    while ahead:
-        index = -heappop(ahead)
-        step = tape.steps[index]
-        operation, operands = step
-        if operation is None:
+    # Adjoints of the signals that the result depends on, None of others.
+    adjoints: list[Value | None] = [None] * len(result.tape.signals)
+    adjoints[result.index] = 1.0
+    for signal in reversed(result.tape.signals[len(result.tape.inputs) : result.index + 1]):
+        adjoint, operands = adjoints[signal.index], signal.operands
+        if adjoint is None or signal.operation is None:
             continue
-        parts = _DERIVATIVES[operation](tape.results[step], adjoints[index], *operands)
-        for operand, part in zip(operands, parts, strict=True):
+        for operand, derivative in zip(operands, _DERIVATIVES[signal.operation], strict=True):
             if isinstance(operand, Signal):
-                if operand.index in adjoints:
-                    adjoints[operand.index] += part
-                else:
-                    adjoints[operand.index] = part
-                    heappush(ahead, -operand.index)
-    return [adjoints.get(signal.index, 0.0) for signal in inputs]
+                part, before = derivative(signal, adjoint, *operands), adjoints[operand.index]
+                adjoints[operand.index] = part if before is None else before + part
+    return [adjoints[signal.index] or 0.0 for signal in inputs]
 
 
 @dataclass(frozen=True)
@@ -239,33 +227,36 @@ class Program:
         """Program for given results (K,), signals of a tape or numbers."""
         outputs = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
         last_use, inputs = _last_uses(tape, outputs.values()), len(tape.inputs)
-        needed = [i for i in range(inputs, len(tape.steps)) if last_use[i] >= 0]
-        numbers = dict.fromkeys(x for i in needed for x in tape.places[i] if x < 0)
+        needed = [signal for signal in tape.signals[inputs:] if last_use[signal.index] >= 0]
+        operands = [x for signal in needed for x in signal.operands if not isinstance(x, Signal)]
+        numbers = {x: k for k, x in enumerate(dict.fromkeys(map(float, operands)), inputs)}
         first_result = inputs + len(numbers)
-        # Numbers have negative indices, which count from the end.
-        place = [*range(inputs), *[-1] * (len(tape.steps) - inputs + len(tape.numbers))]
-        for k, x in enumerate(numbers, inputs):
-            place[x] = k
+        place = [*range(inputs), *[-1] * (len(tape.signals) - inputs)]
         for k, i in outputs.items():
             place[i] = first_result + k if place[i] < 0 else place[i]
         registers, spare = 0, list[int]()
         code = list[Instruction]()
-        for i in needed:
-            (operation, _), (a, *more) = tape.steps[i], tape.places[i]
-            spare += [place[x] for x in {a, *more} if last_use[x] == i]
-            used = place[a], place[more[0]] if more else None
+        for signal in needed:
+            used, i = list[int](), signal.index
+            for x in signal.operands:
+                if isinstance(x, Signal):
+                    used.append(place[x.index])
+                    if last_use[x.index] == i:
+                        spare.append(place[x.index])
+                        last_use[x.index] = len(last_use)
+                else:
+                    used.append(numbers[x])
             if place[i] < 0:
                 if not spare:
                     spare.append(first_result + len(results) + registers)
                     registers += 1
                 place[i] = spare.pop()
-            code.append((cast(np.ufunc, operation), *used, place[i]))
+            code.append((cast(np.ufunc, signal.operation), used[0], used[1] if len(used) > 1 else None, place[i]))
         # Results that are inputs, or are requested twice, are copied from another place.
         elsewhere = {first_result + k: place[i] for k, i in outputs.items() if place[i] != first_result + k}
         code += [(np.positive, source, None, target) for target, source in elsewhere.items()]
         constants = tuple((k, float(x)) for k, x in enumerate(results) if not isinstance(x, Signal) and x != 0)
-        values = list(tape.numbers)
-        return cls(inputs, tuple(values[~x] for x in numbers), len(results), registers, constants, tuple(code))
+        return cls(inputs, tuple(numbers), len(results), registers, constants, tuple(code))
 
     def fill(self, out: np.ndarray) -> None:
         """Writes the constant results into zeros (K, N); needed once for any number of runs."""
@@ -309,15 +300,15 @@ class Program:
 
 
 def _last_uses(tape: Tape, outputs: Iterable[int]) -> list[int]:
-    """Last use of every step, beyond the tape for inputs, results and numbers; -1 where no result depends on it."""
-    never = len(tape.steps)
-    last = [-1] * never + [never] * len(tape.numbers)
+    """Last use of every signal, beyond the tape for inputs and results; -1 where no result depends on it."""
+    never = len(tape.signals)
+    last = [-1] * never
     for i in outputs:
         last[i] = never
-    for i in reversed(range(never)):
-        if last[i] >= 0:
-            for x in tape.places[i]:
-                if last[x] < 0:
-                    last[x] = i
+    for signal in reversed(tape.signals):
+        if last[signal.index] >= 0:
+            for x in signal.operands:
+                if isinstance(x, Signal) and last[x.index] < 0:
+                    last[x.index] = signal.index
     last[: len(tape.inputs)] = [never] * len(tape.inputs)
     return last

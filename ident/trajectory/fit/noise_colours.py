@@ -15,7 +15,6 @@ recordings' precision S of θ: white noise of all streams then leaves what a lik
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autocovariance
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.rows import TOGETHER
-from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, embedded, root_of_inverse
+from ident.trajectory.fit.fitted import TINIEST, TrajectoryFit, root_of_inverse
 from ident.trajectory.fit.response import Response, Stream, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
@@ -98,7 +97,8 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
         fit: The fit.
         responses: Linear responses of some of its pieces, by index.
     """
-    root = embedded(root_of_inverse(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
+    root = np.zeros((len(fit.free), int(fit.free.sum())))
+    root[fit.free] = root_of_inverse(fit.precision[np.ix_(fit.free, fit.free)])
     streams, longest = next(iter(responses.values())).streams, max(np.ptp(fit.pieces[k].time) for k in responses)
     edges = np.geomspace(0.5 / longest, 0.5 / min(stream.step for stream in streams), BANDS + 1)
     shortest = SHORTEST * streams[-1].step
@@ -120,7 +120,7 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
         pulls = share * np.sum([own[k].pulls for own in by_piece for k in alike], axis=0)
         each = zip(by_piece, followed, strict=True)
         powers = np.sum([own[which].powers(h[which], pulls, total) for own, h in each], axis=0)
-        own = np.array([_amplitudes(*given) for given in powers.transpose(2, 0, 1)]).T
+        own = _amplitudes(*powers[:3], kinds=powers[3:])
         amplitudes.append(np.where(_at_floor(fit, stream), np.eye(len(times))[:, :1], own))
     return NoiseColours(times, amplitudes)
 
@@ -250,46 +250,57 @@ def _parts(spectra: np.ndarray) -> np.ndarray:
     return np.concatenate([spectra.real, spectra.imag])
 
 
-def _amplitudes(observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *kinds: np.ndarray) -> np.ndarray:
-    """Amplitudes a ≥ 0 of greatest likelihood for the model `Σ_b own_b a_b + other` of the power in bands (b,).
+def _amplitudes(observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *, kinds: np.ndarray) -> np.ndarray:
+    """Amplitudes a ≥ 0 of greatest likelihood for the model `Σ_b own_b a_b + other` of the power in bands (b, s).
+
+    White noise comes first, and then, one by one, the kind with which the likelihood increases most.
 
     Args:
-        observed: Observed power (B,).
-        counts: Numbers of frequencies (B,).
-        other: Power of the other streams' noise and of motions (B,).
-        kinds: What the fit leaves of each kind of noise (B,) each.
+        observed: Observed power of every signal (B, s).
+        counts: Numbers of frequencies (B, s).
+        other: Power of the other streams' noise and of motions (B, s).
+        kinds: What the fit leaves of each kind of noise (b, B, s).
     """
     # If the fit absorbs nearly all of a kind of noise, its residual is less than that of smoothing the motion.
-    own = np.array([kind * (kind.sum() > SHOWN * kinds[0].sum()) for kind in kinds])
-    left = kinds[0] / np.maximum(counts, 1)
-    there = (counts > 0) & (left > LEFT * left.max())
-    if not there.any():
-        return np.eye(len(own))[0]
-    likeliest = partial(_likeliest, observed[there], counts[there], other[there])
-    kept, ((a,), (likelihood,)) = [0], likeliest(own[[[0]]][..., there])
-    while tried := [[*kept, b] for b in np.flatnonzero(own.any(axis=1)).tolist() if b not in kept]:
-        amplitudes, likelihoods = likeliest(own[tried][..., there])
-        best = int(np.argmax(likelihoods))
-        if likelihoods[best] < likelihood + DOUBTED:
-            break
-        kept, a, likelihood = tried[best], amplitudes[best], likelihoods[best]
-    out = np.zeros(len(own))
-    out[kept] = a
+    sums, left = kinds.sum(axis=1, keepdims=True), kinds[0] / np.maximum(counts, 1)
+    there = (counts > 0) & (left > LEFT * left.max(axis=0))
+    own = kinds * (sums > SHOWN * sums[:1]) * there
+    given = np.stack([observed * there, counts * there, other])
+    signals, every = there.shape[1], np.arange(len(own))[:, None]
+    out = np.repeat((every == 0).astype(float), signals, axis=1)
+    kept, likelihood = np.zeros((0, signals), int), np.full(signals, -np.inf)
+    # Kinds that may be added to those of each signal.
+    open_to = there.any(axis=0) & (every == 0)
+    while open_to.any():
+        added, of = np.nonzero(open_to)
+        tried = np.vstack([kept[:, of], added])
+        a, each = _likeliest(*given[..., of], own=own[tried, :, of].swapaxes(1, 2))
+        likelihoods = np.full(open_to.shape, -np.inf)
+        likelihoods[added, of] = each
+        best = likelihoods.argmax(axis=0)
+        gains = (added == best[of]) & (each >= likelihood[of] + DOUBTED)
+        going, kept = of[gains], np.vstack([kept, best])
+        likelihood[going], out[:, going] = each[gains], 0
+        out[tried[:, gains], going] = a[:, gains]
+        goes_on = np.isin(np.arange(signals), going)
+        open_to = goes_on & own.any(axis=1) & ~(kept[:, None] == every).any(axis=0)
     return out
 
 
 def _likeliest(
-    observed: np.ndarray, counts: np.ndarray, other: np.ndarray, own: np.ndarray
+    observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *, own: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitudes for several choices of k kinds of noise (t, k), and their log likelihoods (t,).
+    """Amplitudes for several choices of k kinds of noise (k, t), and their log likelihoods (t,).
 
-    The amplitudes follow from multiplicative updates. Arguments are those of `_amplitudes`, `own` that of the kinds of
-    each choice (t, k, B).
+    The amplitudes follow from multiplicative updates. Arguments are those of `_amplitudes` of each choice (B, t), `own`
+    that of its kinds (k, B, t).
     """
-    a = np.ones(own.shape[:2]) * (observed.sum() / np.maximum(own.sum(axis=(1, 2)), TINIEST))[:, None]
+    a = np.ones((len(own), own.shape[2])) * observed.sum(axis=0) / np.maximum(own.sum(axis=(0, 1)), TINIEST)
     for step in range(UPDATES + 1):
-        power = np.maximum((a[:, None] @ own)[:, 0] + other, TINIEST)
+        power = np.maximum(np.einsum("kt,kbt->bt", a, own) + other, TINIEST)
         if step < UPDATES:
-            pull, weight = (own @ x[..., None] for x in (counts / power * (observed / power), counts / power))
-            a *= np.sqrt(pull / np.maximum(weight, TINIEST))[..., 0]
-    return a, -(counts * (np.log(power / counts) + observed / power)).sum(axis=1)
+            weights = counts / power
+            pull, weight = (np.einsum("kbt,bt->kt", own, x) for x in (weights * (observed / power), weights))
+            a *= np.sqrt(pull / np.maximum(weight, TINIEST))
+    information = np.log(power / np.where(counts > 0, counts, 1)) + observed / power
+    return a, -(counts * information).sum(axis=0)

@@ -158,9 +158,9 @@ class Response:
         if stream.by_row is None:
             moved = at[..., 0] @ sliding(moves.reshape(size, -1), LOCAL)
             out = deal.gathered(moved).reshape(len(stream.time), -1, q)
-            units = np.eye(q) if root is None else root
-            for j, zero in self.zeros.items():
-                out[:, j == np.arange(n)[some]] += units[zero]
+            for k, j in enumerate(range(n)[some]):
+                if j in self.zeros:
+                    out[:, k] += np.eye(1, q, self.zeros[j])[0] if root is None else root[self.zeros[j]]
             return out
         by_states, by_theta = (x[:, some] for x in stream.by_row)
         by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))

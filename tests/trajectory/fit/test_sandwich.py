@@ -90,7 +90,8 @@ def test_amplitudes_of_noise_that_was_drawn(slow, number=4000, bands=24):
     x = rng.normal(size=number) + np.sqrt(slow) * autoregressive(rng, number, rho[3])
     own, counts = [np.bincount(band, each, bands) for each in powers.T], np.bincount(band, minlength=bands)
     observed = np.bincount(band, np.abs(np.fft.rfft(x)) ** 2 / number, bands)
-    a = _amplitudes(observed, counts.astype(float), np.zeros(bands), *own)
+    given = [x[:, None] for x in (observed, counts.astype(float), np.zeros(bands))]
+    a = _amplitudes(*given, kinds=np.array(own)[..., None])[:, 0]
     assert a[0] == pytest.approx(1, abs=0.1)
     assert a[1:].sum() == pytest.approx(slow, abs=0.35) and (slow or not a[1:].any())
 
