@@ -124,7 +124,7 @@ def test_the_prior_s_share_in_the_smallest_moment_is_what_a_change_of_the_data_d
 @pytest.mark.parametrize(("rpy", "sign"), [((0, 40, 0), -1), pytest.param((180, 0, 0), 1, marks=pytest.mark.slow)])
 def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sign):
     """Of a laboratory with y or -z up: forces alone, of either sign, tell where down is."""
-    x, turn = dict(columns()), Rotation.from_euler("xyz", rpy, degrees=True).inv()
+    x, turn = dict(columns(12.0)), Rotation.from_euler("xyz", rpy, degrees=True).inv()
     position = turn.apply(np.stack([x[name] for name in BASE["position"]], axis=1))
     x |= turned(turn * turns_of(x)) | dict(zip(BASE["position"], position.T, strict=True))
     wrong = {name: sign * value if name[0] in "fm" else value for name, value in x.items()}

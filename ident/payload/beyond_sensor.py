@@ -36,7 +36,7 @@ from ident.recordings.recording import STATES, Recording
 from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import PRIORS
-from ident.tolerances import FAR_BETTER, HOLDOUT, UNEXPLAINED
+from ident.tolerances import HOLDOUT, UNEXPLAINED
 from ident.trajectory.fit.iteration import Report
 
 DENSITY = 2000.0
@@ -47,8 +47,9 @@ inertias of eight simulated tools with 500 are 100, 115 and 182 % of their size 
 TURNS_LEAST = 0.05
 """Standard deviation of gravity's direction in the sensor, over all axes, above which weight and offsets separate."""
 
-TURNED = np.radians(10)
-"""Rotation of a sensor's axes from which it is an error."""
+TURNED, BETTER = np.radians(10), 0.7
+"""Rotation of a sensor's axes from which it is an error, and the largest part of the forces' residual that may remain
+with it."""
 
 STEADY = 2.0
 """Mean over the changes from which forces along gravity, while the sensor turns, are in the axes of the base."""
@@ -120,7 +121,7 @@ def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray,
         They, and the squared residual with them.
     """
     usual = float((left**2).sum())
-    best, out = FAR_BETTER**2 * usual, (np.eye(3), bool((f * g).sum() > 0), usual)
+    best, out = BETTER**2 * usual, (np.eye(3), bool((f * g).sum() > 0), usual)
     for opposite in (False, True):
         R = Rotation.align_vectors(f if opposite else -f, g)[0].as_matrix()
         along = g @ R.T
@@ -145,7 +146,7 @@ def other_gravity(
     """
     f, a = force - force.mean(axis=0), acceleration - acceleration.mean(axis=0)
     U, g = np.swapaxes(R - R.mean(axis=0), 1, 2).reshape(-1, 3), float(np.linalg.norm(stated))
-    best, out = (FAR_BETTER * unexplained) ** 2 * (f**2).sum(), None
+    best, out = (BETTER * unexplained) ** 2 * (f**2).sum(), None
     for sign in (1, -1):
         weight = np.zeros(3)
         for _ in range(STEPS):
@@ -155,7 +156,7 @@ def other_gravity(
         direction = sign * weight / max(float(np.linalg.norm(weight)), 1e-300)
         # What is alike with the sign as stated is likelier that.
         if squares < best and direction @ stated < AWAY * g:
-            best, out = FAR_BETTER**2 * squares, direction
+            best, out = BETTER**2 * squares, direction
     return out if out is None or np.abs(out).max() < AXIS else np.round(out)
 
 
