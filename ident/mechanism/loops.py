@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -222,11 +221,12 @@ class Constraints:
 
     def _contradictory(self, tree: "Tree") -> Iterator["Constraints"]:
         """Sets of constraints that each leave motion, but together none or, if sums, in the model's posture alone."""
-        loose = [row for row in self.rows if not replace(self, rows=(row,)).held(tree)]
-        # A third one with a joint of its own does not hide two.
-        pairs = [(one, other) for one, other in combinations(loose, 2) if one.members(tree) == other.members(tree)]
-        for rows in (*pairs, tuple(loose)):
-            yield from replace(self, rows=rows).held(tree)
+        loose = [one for row in self.rows if not (one := replace(self, rows=(row,))).held(tree)]
+        together = replace(self, rows=tuple(row for each in loose for row in each.rows))
+        still = together._still(tree) if loose else set()
+        # Others that have joints of their own do not hide them.
+        among = tuple(row for each in loose for row in each.rows if {*each.coupled(tree)} <= still)
+        yield from replace(self, rows=among).held(tree)
         sums = tuple(row for row in self.rows if isinstance(row, Relation))
         for each in replace(self, rows=sums).apart(tree):
             if len(each.rows) > 1 and not each._agree(tree):
@@ -287,6 +287,12 @@ class Constraints:
                 home = body.home @ body.joint_pose(at[i]) @ inverse(there.joint_pose(at[i]))
                 bodies[i] = replace(there, home=home)
         return replace(tree, bodies=tuple(bodies)), moved, drawn
+
+    def _still(self, tree: "Tree") -> set[str]:
+        """Joints that all constraints together leave no motion in the model's posture."""
+        J, owners = self._columns(tree)
+        moves = np.linalg.norm(null_space(J, rcond=INDEPENDENT), axis=1) > INDEPENDENT
+        return {*owners} - {*owners[moves]}
 
     def held(self, tree: "Tree") -> list["Constraints"]:
         """Those of the sets as of `apart` that leave their joints no motion."""

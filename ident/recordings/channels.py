@@ -242,9 +242,13 @@ def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:
     return without_jumps(quaternion / norm[:, None])
 
 
-CLOSE = 0.05
-"""Largest difference of a jump without its turn from the steps beside it, in turns: no joint goes through nine tenths
-of a turn in one sample and rests before and after it."""
+RANGE = 1.01
+"""Largest range of a wrapped angle in turns; the rest is noise at its ends."""
+
+FAST, CLOSE = 0.25, 0.05
+"""Largest step beside a jump, and largest difference of a jump without its turn from the steps beside it, in turns. A
+joint that goes through less than a quarter of a turn in a sample can be followed; no joint goes through nine tenths of
+a turn in one sample and rests before and after it."""
 
 
 def turns_of(columns: Columns) -> dict[str, tuple[float, ...]]:
@@ -271,15 +275,14 @@ def unwrapped(x: np.ndarray, turns: Sequence[float]) -> tuple[np.ndarray, int]:
     steps = np.diff(x[there])
     if len(steps) < 3:
         return x, 0
-    # Beyond them are noise at the ends of a wrapped angle, and a few samples of an unwrapped one.
     low, high = np.percentile(x[there], (1, 99))
     for turn in turns:
         wraps = np.where(np.abs(steps) > turn / 2, np.sign(steps), 0)
-        if not wraps.any() or high - low > turn:
+        if not wraps.any() or high - low > RANGE * turn:
             continue
         rest = (steps - turn * wraps) / turn
         beside = (np.append(rest[1], rest[:-1]) + np.append(rest[1:], rest[-2])) / 2
-        wraps[np.abs(rest - beside) > CLOSE] = 0
+        wraps[(np.abs(rest - beside) > CLOSE) | (np.abs(beside) > FAST)] = 0
         if wraps.any():
             out = x.copy()
             out[there[1:]] -= turn * np.cumsum(wraps)

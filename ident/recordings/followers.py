@@ -16,11 +16,16 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import white_noise
 from ident.recordings.stated import Servo, model_servo
 from ident.recordings.times import GAP, Sampled
-from ident.tolerances import TINY
+
+EXACT = 1e-12
+"""Noise of a position beside the estimated one, rad or m, so that exact ones have finite weights."""
+
+LOOSE = 3.0
+"""Difference from closed loops over the noise, by their medians, above which a column contradicts them: of normal noise
+the ratio is 0.67, play and wrong places of pins make it larger."""
 
 OUTLYING = 5.0
-"""Difference from closed loops over the noise above which a sample does not count; a column half of whose samples are
-so contradicts them, as by play and wrong places of pins."""
+"""Difference over the noise above which a sample does not count."""
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -130,14 +135,14 @@ def _fused(closure: Closure, recording: Recording, x: np.ndarray) -> tuple[np.nd
     own = [f"{joint}_position" for joint in closure.independent]
     if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
         return x, []
-    y, std = closure.solved(x), TINY + np.array([white_noise(column, robust=True) for column in x.T])
+    y, std = closure.solved(x), EXACT + np.array([white_noise(column, robust=True) for column in x.T])
     G, notes = closure.slopes(x, y), list[str]()
     precision, right = np.zeros((len(x), len(own), len(own))) + np.diag(std**-2), np.zeros_like(x)
     for k, name in columns.items():
-        apart, noise, g = recording[name] - y[:, k], TINY + white_noise(recording[name], robust=True), G[:, k]
+        apart, noise, g = recording[name] - y[:, k], EXACT + white_noise(recording[name], robust=True), G[:, k]
         zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
         joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
-        counts = np.median(abs(off) / expected) <= OUTLYING
+        counts = np.median(abs(off)) <= LOOSE * np.median(expected)
         weight = np.where(counts & (abs(off) < OUTLYING * expected), noise**-2, 0)
         precision += weight[:, None, None] * g[:, :, None] * g[:, None, :]
         right += (weight * np.where(weight > 0, off, 0))[:, None] * g

@@ -10,25 +10,30 @@ from scipy.linalg import lapack
 
 from ident.errors import InputError
 from ident.recordings.times import Sampled
-from ident.tolerances import AT_ONCE, HUGE, LEAST_SAMPLES, NORMAL_MAD, ROUNDING
+from ident.tolerances import NORMAL_MAD, ROUNDING
 
 UNIFORM = 1 / np.sqrt(12)
 """Standard deviation of the error of rounding to a step of one, which is uniformly distributed."""
+
+REPEATED = 0.8
+"""Share of the samples with repeated values above which single values (repaired, interpolated) are ignored: at a
+resolution that is coarse relative to the range nearly all values are repeated."""
 
 OFF = 0.15
 """Distance from an integer up to which a difference counts as a multiple of the step: values are rounded once more when
 they are written in decimals or converted to other units."""
 
-NEARLY_ALL = 0.9
-"""Least share of the differences that are multiples, of which a signal without steps has twice `OFF`; and share of the
-samples with repeated values above which single values (repaired, interpolated) are ignored: at a resolution that is
-coarse relative to the range nearly all values are repeated."""
+ON_LATTICE = 0.9
+"""Least share of the differences that are multiples; of a signal without steps it is twice `OFF`."""
 
 FAR = 10
 """Differences of at least this many steps are ignored: the error of the step is multiplied by their number."""
 
 ENOUGH = 8
 """Least number of differences, so that they are not multiples by chance; one suffices if every value is repeated."""
+
+MOST = 5000
+"""Samples that are used at most: longer signals are thinned, because sorting them would be slow."""
 
 CANDIDATES = 32
 """Number of candidates for the step: this many of the smallest differences, and as many quantiles of the lower half."""
@@ -46,9 +51,10 @@ def quantum(x: np.ndarray) -> float:
     Args:
         x: Samples, NaN where one is missing (N,).
     """
+    x = x[:: max(1, len(x) // MOST)]
     values, counts = _distinct(x[np.isfinite(x)])
     again = counts > 1
-    if counts[again].sum() > NEARLY_ALL * counts.sum():
+    if counts[again].sum() > REPEATED * counts.sum():
         values, counts = values[again], counts[again]
     differences = np.sort(np.diff(values))
     if not len(differences):
@@ -60,7 +66,7 @@ def quantum(x: np.ndarray) -> float:
         ratios = near / step
         steps = np.rint(ratios)
         on = (steps > 0) & (np.abs(ratios - steps) < OFF)
-        if np.count_nonzero(on) >= max(fewest, NEARLY_ALL * len(near)):
+        if np.count_nonzero(on) >= max(fewest, ON_LATTICE * len(near)):
             return float(near[on].sum() / steps[on].sum())
     return 0.0
 
@@ -108,10 +114,17 @@ def _distinct(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values[apart], np.add.reduceat(counts, np.flatnonzero(apart))
 
 
+PADDING = 9
+"""Least padding at either end in samples: three for each coefficient of the filter's denominator."""
+
 SETTLING = 1.5
 """Settling time of filter and differences at either end, in periods of the cut-off frequency."""
 
-LOWEST, HIGHEST = 0.005, 0.4
+LEAST = 1e-5
+"""Least cut-off for which the filter's coefficients differ from those for zero, as a share of the rate."""
+
+LOWEST = 0.005
+HIGHEST = 0.4
 """Range of cut-offs that `chosen_cutoff` considers, as shares of the rate."""
 
 TAIL = 0.1
@@ -132,22 +145,20 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
         The smoothed columns, in the shape of x.
 
     Raises:
-        InputError: The cut-off is not positive and below half the rate, or there are too few samples.
+        InputError: The cut-off is not between `LEAST` and half the rate, or there are too few samples.
     """
     x = np.asarray(x, float)
-    if len(x) < LEAST_SAMPLES:
-        raise InputError(f"Low-pass filtering needs at least {LEAST_SAMPLES} samples, got {len(x)}.")
-    if not 1 / HUGE <= cutoff_hz < rate / 2:
+    if not LEAST * rate <= cutoff_hz < rate / 2:
         raise InputError(
-            f"A cut-off needs a frequency from {1 / HUGE:g} Hz to below half the rate, {rate / 2:g} Hz, got "
+            f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
             f"{cutoff_hz:g} Hz."
         )
     # With a short padding the motion would stop a few samples beyond an end, and the jerk would pass the filter.
-    reach = min(max(LEAST_SAMPLES - 1, 2 * settling(rate, cutoff_hz)), len(x) - 1)
+    reach = min(max(PADDING, 2 * settling(rate, cutoff_hz)), len(x) - 1)
     return _passed(x, cutoff_hz / rate, reach)
 
 
-def _passed(x: np.ndarray, share: float, padding: int = LEAST_SAMPLES - 1) -> np.ndarray:
+def _passed(x: np.ndarray, share: float, padding: int = PADDING) -> np.ndarray:
     """Output of the filter, applied forward and backward.
 
     Either end is padded by the samples next to it, point-reflected about the last one.
@@ -157,6 +168,8 @@ def _passed(x: np.ndarray, share: float, padding: int = LEAST_SAMPLES - 1) -> np
         share: Cut-off as a share of the rate.
         padding: Number of padded samples at either end.
     """
+    if len(x) <= PADDING:
+        raise InputError(f"Low-pass filtering needs more than {PADDING} samples, got {len(x)}.")
     before, after = 2 * x[0] - x[padding:0:-1], 2 * x[-1] - x[-2::-1][:padding]
     forward = _filtered(np.concatenate([before, x, after]), share)
     return _filtered(forward[::-1], share)[::-1][padding:-padding]
@@ -291,23 +304,32 @@ def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     return rate * float(shares[first])
 
 
+AT_ONCE = 1_000_000
+"""Numbers of all windows that are in memory at the same time."""
+
 INTERPOLATED = 0.05
 """Longest time between samples that is no gap, s: over it a motion of a few hertz is linear to some per cent of its
 size. In a stream with a lower rate one missing sample is no gap."""
 
-SHARE = 0.005
-"""Least share of the samples at an extreme value for it to be a limit."""
+SHARE, FEWEST = 0.005, 5
+"""Least share and least number of samples at an extreme value for it to be a limit."""
+
+LASTS = 3
+"""Least length of the longest run of such samples: with rounded values single ones occur by chance."""
 
 CROWDED = 4.0
-"""Least ratio of the samples at an extreme value to those at the adjacent one. At the peak of a rounded sinusoid the
-ratio is up to 2.4, 1 over √2 - 1."""
+"""Least ratio of the samples at an extreme value to those at any of the `NEXT` adjacent values. At the peak of a
+rounded sinusoid the ratio is up to 2.4, 1 over √2 - 1."""
+
+NEXT = 3
+"""Number of values adjacent to the extreme one that are compared."""
 
 LEVELS = 10
 """Least number of distinct other values: a channel that switches between few levels is not clipped."""
 
-BY_NOISE = 6.0
-"""A coordinate moves during a run at a limit if it changes by more than this many standard deviations of its noise, and
-does not rest. During a rest sensors repeat a value without being clipped."""
+STILL, BY_NOISE = 0.003, 6.0
+"""A coordinate moves during a run at a limit if it changes by more than this share of its range plus this many standard
+deviations of its noise. During a rest sensors repeat a value without being clipped."""
 
 WINDOW = 11
 """Samples of the running median."""
@@ -396,12 +418,18 @@ def _limit(x: np.ndarray, extreme: float) -> Limit | None:
     """The extreme value as a limit, None if it is none."""
     same = ROUNDING * np.nanmax(np.abs(x - extreme))
     samples = np.abs(x - extreme) <= same
-    if extreme == 0 or samples.sum() < SHARE * len(x):
+    count = int(samples.sum())
+    if extreme == 0 or count < max(FEWEST, SHARE * len(x)) or _longest(samples) < LASTS:
         return None
     others = np.round(np.abs(x - extreme)[np.isfinite(x) & ~samples] / same)
     _, beside = np.unique(others, return_counts=True)
-    alone = len(beside) >= LEVELS and samples.sum() > CROWDED * beside[0]
+    alone = len(beside) >= LEVELS and count > CROWDED * beside[:NEXT].max()
     return Limit(extreme, samples) if alone else None
+
+
+def _longest(samples: np.ndarray) -> int:
+    """Length of the longest run of true samples in a mask (N,)."""
+    return int(np.diff(runs(samples)).max(initial=0))
 
 
 def moves(samples: np.ndarray, q: np.ndarray) -> bool:
@@ -411,8 +439,8 @@ def moves(samples: np.ndarray, q: np.ndarray) -> bool:
         samples: Mask of the samples at the limit (N,).
         q: Joint coordinates (N, n).
     """
-    spans = [slice(first, end) for first, end in runs(samples) if end - first > 1]
-    enough = RESTS * np.ptp(q, axis=0) + BY_NOISE * np.array([white_noise(x) for x in q.T])
+    spans = [slice(first, end) for first, end in runs(samples) if end - first >= LASTS]
+    enough = STILL * np.ptp(q, axis=0) + BY_NOISE * np.array([white_noise(x) for x in q.T])
     crossed = [(np.ptp(q[span], axis=0) > enough).any() for span in spans]
     # The mechanism has to move in most of the runs.
     return bool(np.mean(crossed or [0.0]) > 1 / 2)
