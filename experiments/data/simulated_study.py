@@ -168,7 +168,8 @@ class SimulatedStudy:
         if (axes := self.estimated_axes(model)) is not None and len(axes.groups) > 1:
             raise InputError(
                 f"The {described.axes} axes are not parallel (p = {np.nanmin(axes.p_values):.1e}), but those of "
-                f"'{model}' need to be for the parameters of '{described.parameters}'; try another seed, more samples or less noise."
+                f"'{model}' need to be for the parameters of '{described.parameters}'; try another seed, less noise or "
+                "more samples."
             )
         return self.base(described.parameters).names
 

@@ -19,7 +19,7 @@ from experiments.guesses.belief import (
     toml_text,
 )
 from experiments.guesses.log_contents import ROUND, is_one
-from experiments.guesses.model import ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
 from experiments.guesses.wrenches import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import SLIP, predicted_channels
@@ -29,7 +29,7 @@ from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import SCALE
 from ident.recordings.log import read_log
-from ident.tolerances import AGREES, CLEARLY, FAR_BETTER
+from ident.tolerances import AGREES, FAR_BETTER
 from sim.models.notes import LONGEST
 
 TIE = 0.01
@@ -137,14 +137,14 @@ def _other_unit(model: ComparedModel, here: Left) -> Left:
     unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
     there = model.left({x.joint: scale for x in joints})
-    if there.somehow <= min(here.somehow / CLEARLY, here.somehow - TIE):
+    if there.somehow <= min(CLEAR * here.somehow, here.somehow - TIE):
         for x in joints:
             x.unit = other
             shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
             x.why.append(f"{other} since the model explains {shares}")
         model.belief.by_size.clear()
         return there
-    if here.somehow < min(there.somehow / CLEARLY, there.somehow - TIE, 1 - ENOUGH):
+    if here.somehow < min(CLEAR * there.somehow, there.somehow - TIE, 1 - ENOUGH):
         model.belief.by_size.clear()
     return here
 

@@ -19,7 +19,7 @@ from experiments.guesses.checks import (
     set_units,
 )
 from experiments.guesses.log_contents import ROUND, check_same_columns, log_contents
-from experiments.guesses.model import ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, SAME, ComparedModel, explained
+from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, SAME, ComparedModel, explained
 from experiments.guesses.scores import (
     add_assigned,
     add_commands,
@@ -39,7 +39,6 @@ from ident.files.limits import LIMIT
 from ident.files.table import UNITS
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.wrench import GROUND
-from ident.tolerances import CLEARLY
 
 MOST = 400
 """Largest number of assignments of columns without names to joints that are tried."""
@@ -117,7 +116,10 @@ def _complete(belief: Belief) -> None:
     """Asks for joints without positions, unless they follow others."""
     placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
     following = belief.mechanism.determined(placed)
-    belief.notes += [f"'{joint}' follows from other joints, as the model couples them." for joint in following]
+    leads = {joint: f"'{lead.joint}'" for joint, lead in belief.mechanism.mimics.items()}
+    belief.notes += [
+        f"'{joint}' follows {leads.get(joint, 'from other joints')}, as the model couples them." for joint in following
+    ]
     lacking = [joint for joint in belief.mechanism.joints if joint not in placed and joint not in following]
     belief.complete = not lacking
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not belief.log.markers:
@@ -245,7 +247,7 @@ class OrderSearch:
         left, second = best.left, min(others, default=1.0)
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
         alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
-        is_clear = alone or (1 - left >= enough and CLEARLY * left <= second)
+        is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
         copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
         if is_clear and (best.family.kind or len(copies) == 1):
             rival = f", otherwise at most {explained(second)}" if others else ""
@@ -274,9 +276,7 @@ class OrderSearch:
 
     def _torques_of(self, best: Order, twins: Sequence[Order]) -> Mapping[str, str]:
         """Torques of the best order, none if another family's torques are explained as well."""
-        alike = [
-            each for each in twins if 1 - each.left >= ENOUGH and each.left <= CLEARLY * best.left and each.torques
-        ]
+        alike = [each for each in twins if 1 - each.left >= ENOUGH and CLEAR * each.left <= best.left and each.torques]
         every = list(dict.fromkeys(tuple(each.torques.items()) for each in (best, *alike)))
         if len(every) == 1 or not best.torques or not best.family.kind:
             return best.torques

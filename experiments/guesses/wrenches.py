@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, TableEntry, named
 from experiments.guesses.model import (
+    CLEAR,
     ENOUGH,
     ENOUGH_OF_WRENCHES,
     SAME,
@@ -35,7 +36,7 @@ from ident.judgement.checks import wrench_checks
 from ident.payload.beyond_sensor import TURNED, weighed
 from ident.recordings.plates import AUTO
 from ident.recordings.wrench import GROUND
-from ident.tolerances import AGREES, CLEARLY
+from ident.tolerances import AGREES
 
 FEET = re.compile(r"foot|calcn|feet|sole|heel", re.IGNORECASE)
 """Names of bodies that stand on the ground."""
@@ -214,7 +215,7 @@ def place_wrenches(model: ComparedModel) -> None:
         is_of_size = any(1 / most < ratio * factor < most for factor in UNITS[key].values())
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
-        elif best and 1 - left[best] >= AGREES and CLEARLY * left[best] < at_base:
+        elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
             sizes = {body: size_ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
             _carry(group, model, left, sizes)
         elif 1 - at_base < (ENOUGH if is_of_size else ENOUGH_OF_WRENCHES):
@@ -245,7 +246,7 @@ def _carry(group: ColumnGroup, model: ComparedModel, left: Mapping[str, float], 
     """Puts a wrench on the body beyond its sensor: named like it, or else of the likeliest weight."""
     best, group.is_inner = min(left, key=left.__getitem__), True
     # Of bodies that are rigidly connected they differ by rounding.
-    alike = [body for body in left if left[body] <= CLEARLY * left[best] + 1e-6]
+    alike = [body for body in left if CLEAR * left[body] <= left[best] + 1e-6]
     rigid = [body for body in alike if model.mover(body) == model.mover(best)]
     namesakes = [body for body in alike if likeness(words(group.own_name), words(body)) >= LIKE]
     body = namesakes[0] if len(namesakes) == 1 else min(rigid, key=lambda body: abs(np.log(sizes[body])))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.csv_file import lines_of, opened_text
-from ident.files.limits import LIMIT, NUMBER, OBJECT, PIECE, check_size, parsed_json, reason, undamaged
+from ident.files.limits import LIMIT, NUMBER, PIECE, check_size, parsed_json, reason, undamaged
 from ident.files.table import METADATA, SUFFIXES, TRUE, Table, short, vector_columns
 
 JSON_LINES = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
@@ -22,6 +22,10 @@ JSON_LINES = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
 
 STAMPS = (("sec", "nanosec"), ("secs", "nsecs"))
 """Names of the parts of a time of ROS, which is one number."""
+
+
+IN_MEMORY = 5 * NUMBER
+"""Bytes of a value while a file is read: an object of 24 bytes, its place in a list, and the number."""
 
 
 def json_tables(path: Path, limit: int) -> list[Table]:
@@ -36,7 +40,7 @@ def json_tables(path: Path, limit: int) -> list[Table]:
         for row, line in lines_of(text):
             sample = _sample(row, line)
             new = [name for name in sample if name not in cells]
-            text.check_size(OBJECT * (len(cells) + len(new)) * (len(rows) + 1))
+            text.check_size(IN_MEMORY * (len(cells) + len(new)) * (len(rows) + 1))
             cells |= {name: [None] * len(rows) for name in new}
             for name, column in cells.items():
                 column.append(sample.get(name))

@@ -22,8 +22,11 @@ import numpy as np
 
 from ident.annotations import Needs
 from ident.errors import LogError
-from ident.files.limits import LIMIT, LONGEST, NUMBER, OBJECT, check_size
+from ident.files.limits import LIMIT, LONGEST, NUMBER, check_size
 from ident.files.table import METADATA, Memory, Table, is_number, number_of, short, vector_columns
+
+TEXT = 64
+"""Bytes that a string takes in addition to its characters."""
 
 Cells = Sequence[str] | np.ndarray
 
@@ -117,7 +120,7 @@ def _joined(parts: Sequence[Cells]) -> Cells:
 
 def _size(cells: Mapping[str, Cells], rows: int) -> int:
     """Bytes that rows take, with their numbers."""
-    texts = sum(sum(OBJECT + len(text) for text in {*x}) for x in cells.values() if not isinstance(x, np.ndarray))
+    texts = sum(sum(TEXT + len(text) for text in {*x}) for x in cells.values() if not isinstance(x, np.ndarray))
     return NUMBER * rows * (1 + len(cells)) + texts
 
 

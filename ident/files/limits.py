@@ -24,9 +24,6 @@ LIMIT = 500_000_000
 NUMBER = 8
 """Bytes of a number in memory; in the file it may be one byte."""
 
-OBJECT = 64
-"""Bytes of an object and of its place in a list while a file is read, in addition to a text's characters."""
-
 PIECE = 1 << 16
 """Bytes that are unpacked or received at a time, and that an empty array may claim by its other dimensions."""
 

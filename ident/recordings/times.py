@@ -195,8 +195,8 @@ def side_by_side(streams: Iterable[Sampled]) -> Sampled:
     return Sampled(time, np.hstack(values))
 
 
-UNIFORM = 1e-3
-"""Relative deviation of time steps from their median up to which a clock is uniform."""
+JITTER, UNIFORM = 0.2, 1e-3
+"""Relative deviation of time steps from their median above which a clock is doubtful, and up to which it is uniform."""
 
 SPARSE = 1000
 """Number of common times per sample above which a gap is an error of the clock."""
@@ -303,9 +303,11 @@ class Clock:
         i = int(departure.argmax())
         if self.gaps and departure[i] <= UNIFORM:
             return []
+        much = int((departure > JITTER).sum())
         return [
             f"Times in column '{name}' jitter: steps depart from {self.step:g} s by up to {100 * departure[i]:.2g} % "
             f"({table.row(kept[i + 1])}); all channels were resampled linearly at {1 / self.step:.6g} Hz."
+            + (f" {much} steps depart by more than {100 * JITTER:g} %: doubt the clock." if much else "")
         ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:

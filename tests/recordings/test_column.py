@@ -118,6 +118,13 @@ def test_wrapped_angles_are_read_as_continuous(lowest, factor, turn, entry):
     np.testing.assert_allclose(log["ankle_position"], 0.1 * ANGLE, atol=1e-9)
 
 
+@pytest.mark.parametrize("decimals", [3, 4])
+def test_rests_at_half_a_turn_are_continuous_in_any_number_of_decimals(decimals):
+    angle = np.pi - 1 + np.cos(np.maximum(TIME - TIME[-1] / 3, 0)) + 1e-4 * np.cos(1e3 * TIME)
+    out, number = unwrapped(np.round((angle + np.pi) % TURN - np.pi, decimals), (TURN,))
+    assert number > 10 and np.abs(out - out[0] - angle + angle[0]).max() < 10.0**-decimals
+
+
 def test_steps_spikes_and_several_turns_are_no_wrapped_angles():
     step, spike = np.where(TIME < 4, 0.0, 5.5), np.where(np.abs(TIME - 4) < 0.004, ANGLE + 6.28, ANGLE)
     for x in (ANGLE, step, spike, 10 * ANGLE):

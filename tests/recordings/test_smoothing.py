@@ -91,6 +91,14 @@ def test_flat_ends_are_found(low, high, step):
         assert smoothing.moves(each.samples, np.stack([SINE, np.cos(TIME)], axis=1))
 
 
+def test_a_joint_that_settles_at_rest_does_not_move():
+    """A torque that friction holds is constant there, with positions of four decimals."""
+    t = np.arange(1000) / 100
+    q = np.where(t % 2 < 1, np.sin(np.pi * (t % 1)), 1e-3 * np.exp(-(t % 1) / 0.2))
+    assert not smoothing.moves(t % 2 >= 1, np.round(q, 4)[:, None])
+    assert smoothing.moves(t % 2 < 1, np.round(q, 4)[:, None])
+
+
 def test_peaks_empty_plates_and_coarse_steps_are_not_clipped():
     signals = [rounded(y, step) for y in (SINE, SMOOTH, NOISY) for step in (0, 0.01, 0.05, 0.1, 0.3, 1)][1:]
     spikes = np.where(np.arange(1000) % 100 == 50, 210.0, 207.0)
