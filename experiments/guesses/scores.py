@@ -128,10 +128,14 @@ def by_name(belief: Belief, kind: str) -> Scores:
 def by_number(belief: Belief, kind: str) -> Scores:
     """Likeness of columns outside series that have the number of a joint and its position; or the only ones there are.
 
-    Series are compared with the model before.
+    Series are compared with the model before, as their numbers may start elsewhere; not so those named like positions
+    that have their joints' exact names.
     """
     log, scores, positions = belief.log, Scores(), belief.of("position")
-    beside = {name for each in families(log.names) if len(each.names) > 1 for name in each.names}
+    exact = exact_names(belief.axes, ("position",))
+    sure = {words(x.column).core for x in positions.values() if exact.get(x.column) == x.joint}
+    series = (name for each in families(log.names) if len(each.names) > 1 for name in each.names)
+    beside = {name for name in series if words(name).core not in sure}
     pairs = [pair for pair in _open(belief, kind, beside) if pair[0] in log.columns]
     bare = {name for name, about, *_ in pairs if about.kind == kind and about.measured and not about.numbers}
     for name, about, joint, own in pairs:

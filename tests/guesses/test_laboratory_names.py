@@ -74,6 +74,18 @@ def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, tor
     assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
 
 
+@pytest.mark.parametrize("torque", ["joint{}_effort", "joint{}_torque_Nm", "joint{}_tau"])
+def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, torque):
+    """Also of a joint about the vertical whose torque is mostly friction, which the model does not explain."""
+    text = MODEL
+    for k, joint in enumerate(JOINTS, start=1):
+        text = text.replace(f'"{joint}"', f'"joint{k}"')
+    rubs = TAU + [8, 0, 0] * np.sign(np.gradient(Q, axis=0))
+    columns = columns_of("joint{}_position", Q) | columns_of(torque, rubs)
+    belief = belief_of(tmp_path, columns, sim.mechanism(mujoco.MjSpec.from_string(text)))
+    assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
+
+
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
     columns = columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates)
