@@ -90,7 +90,7 @@ def added(more: "Document", out: "Output") -> "Document":
 
 OPTIONS: options.Options = {
     **options.study(""),
-    "file": ("TOML file, or the name of one that comes with this package: misaligned", options.FILE),
+    "file": ("TOML file, or the name of one that comes with this package, such as misaligned", options.FILE),
     **options.TILTED,
     **options.CONTACT,
 }

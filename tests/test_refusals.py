@@ -277,6 +277,7 @@ REFUSED = [
     ("folder needs the path of a folder", lambda: mc.report(driven_arm.quick(), None)),
     (r"estimate\.consistent\(\);", lambda: mc.write_model("a.xml", PENDULUM, driven_arm.quick())),
     ("drives needs a mapping of", lambda: mc.write_model("x.xml", PENDULUM, PENDULUM.known, 3)),
+    ("joints carry, got 'tip'; bodies are", lambda: mc.write_model("x.xml", PENDULUM, None, None, {"tip": np.ones(3)})),
     ("need 30 finite parameters, got shape", lambda: mc.write_model("new.xml", PENDULUM, None)),
     # Options of commands.
     ("where it stands, got knee high", lambda: options.fixed([["knee", "high"]])),

@@ -33,7 +33,7 @@ def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
     more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
     lines = [Headline.of(result.verdict()).line, "", _ratios(result, 11), *first_lines(made.findings)]
-    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
+    return "\n".join([*lines, f"--verbose prints {more}notes; the page has all numbers."])
 
 
 def first_lines(cards: Sequence[Card]) -> list[str]:

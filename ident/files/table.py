@@ -260,7 +260,10 @@ class Table:
         if missing.any() and not throughout and not gaps:
             several = f"as are {int(missing.sum())} of {len(x)} samples of it{self._longest(missing)}"
             raise self._fault(
-                name, missing, f"is empty or NaN, {several}; a filter needs all of them: cut the log, or fill the gap."
+                name,
+                missing,
+                f"is empty or NaN, {several}; a filter needs all of them: cut the log, fill the gap, or let the "
+                "trajectory estimate do without them (--gaps; in Python gaps=True).",
             )
         if throughout and not missing.all():
             raise self._fault(name, ~missing, "has the first number after empty cells.")

@@ -117,10 +117,16 @@ def write_model(
 
     Raises:
         ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
-        InputError: As for `updated_spec`, or a URDF or OpenSim file is requested for a model in another format.
+        InputError: As for `updated_spec`, a URDF or OpenSim file is requested for a model in another format, or a
+            displacement is none.
     """
     path = checked_target(path, "the path of a file to write")
     check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
+    if unknown := [body for body in displaced or {} if body not in mechanism.tree.names]:
+        names = ", ".join(mechanism.tree.names)
+        raise InputError(
+            f"displaced needs the names of bodies that joints carry, got '{unknown[0]}'; bodies are {names}."
+        )
     update = Update(_numbers(phi), drives or {}, displaced or {}, getattr(phi, "comments", {}))
     if isinstance(mechanism.source, OpenSimOrigin):
         write_opensim(path, mechanism, update)
