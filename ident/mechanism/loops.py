@@ -238,7 +238,8 @@ class Constraints:
         about = closure.about(np.random.default_rng(0), 9, 1.0)
         *_, q = closure.way(np.vstack([closure.anchors[:, closure.coordinates[0]], about]))
         residual, J, _ = closure.rows(q)
-        before, *after = np.linalg.matrix_rank(J, rtol=INDEPENDENT)
+        sizes = np.linalg.svd(J, compute_uv=False)
+        before, *after = (sizes > INDEPENDENT * sizes[:, :1]).sum(axis=1)
         return bool(np.linalg.norm(residual[0]) <= OPEN and np.median(after) <= before)
 
     def apart(self, tree: "Tree") -> list["Constraints"]:
