@@ -30,6 +30,9 @@ ORDERS = {84: "<", 85: "<", 86: ">"}
 TYPES = (-1, 1, 2, 4)
 """Types of entries: characters, bytes, integers and floats; the absolute value is their size in bytes."""
 
+LOADED = 10.0
+"""Least force into a plate for a meaningful centre of pressure, N."""
+
 
 def check_layout(path: Path, limit: int) -> None:
     """Refuses a file whose sections are not where its header says, or that is truncated.
@@ -236,9 +239,12 @@ def _platform(name: str, platform: Mapping[str, Any]) -> tuple[dict[str, np.ndar
     newton, newton_metre, metre = (SI[unit] for unit in units)
     force, corners = newton * platform["force"], metre * platform["corners"]
     torque = newton_metre * platform["moment"] + np.cross(corners.mean(axis=1), force, axis=0)
-    if not np.cross(corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3]).any():
+    normal = np.cross(corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3])
+    length = np.linalg.norm(normal)
+    if not length > 0:
         raise LogError(f"force platforms need four corners, those of {name} are in one line.")
-    point = metre * platform["center_of_pressure"]
+    unloaded = np.abs(normal @ force) < LOADED * length
+    point = np.where(unloaded, np.nan, metre * platform["center_of_pressure"])
     cells = {
         f"{name}_{what}.{axis}": column
         for what, x in (("force", force), ("torque", torque), ("point", point))
