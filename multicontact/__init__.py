@@ -21,8 +21,24 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import ident
-import sim
+
+def _other(name: str) -> str:
+    """Place of another package or script of a name that comes before this package's own; empty if none does."""
+    spec = find_spec(name)
+    origin = None if spec is None or spec.origin is None else Path(spec.origin).resolve()
+    own = Path(__file__).resolve().parents[1] / name / "__init__.py"
+    return "" if origin == own else str(origin or "none")
+
+
+for _name in ("ident", "sim"):
+    if _place := _other(_name):
+        raise ImportError(
+            f"multicontact needs its own package '{_name}', but {_place} comes first on Python's path: rename that, or "
+            "start Python in another folder."
+        )
+
+import ident  # noqa: E402
+import sim  # noqa: E402
 
 if TYPE_CHECKING:
     import scenes
@@ -74,7 +90,11 @@ def report(estimate: "ident.Estimate", folder: str | Path, *, formats: Sequence[
     from ident.arguments import check_type, checked_path
     from ident.estimate import PAGES, Estimate
 
-    _check_neighbour()
+    if place := _other("experiments"):
+        raise ident.InputError(
+            f"A page needs multicontact's own package 'experiments', but {place} comes first on Python's path: start "
+            "Python in another folder, or use the command `multicontact identify`."
+        )
     check_type("estimate", estimate, Estimate, WORDS["Estimate"])
     path = checked_path("folder", folder, "the path of a folder")
     from experiments.document.result_folder import provenance
@@ -98,14 +118,3 @@ def _file(estimate: "ident.Estimate") -> Path | None:
     source = estimate.prepared.mechanism.source
     file = getattr(source, "text", None) or getattr(source, "path", None)
     return Path(file) if isinstance(file, str | Path) else None
-
-
-def _check_neighbour() -> None:
-    """Refuses a package `experiments` that is not installed beside this one."""
-    own, spec = Path(__file__).resolve().parents[1] / "experiments", find_spec("experiments")
-    origin = None if spec is None or spec.origin is None else Path(spec.origin).resolve().parent
-    if origin != own:
-        raise ident.InputError(
-            f"A page needs multicontact's own package 'experiments', but {origin or 'none'} comes first on Python's "
-            "path: start Python in another folder, or use the command `multicontact identify`."
-        )

@@ -66,6 +66,17 @@ def test_libraries_are_imported_when_they_are_needed():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.parametrize("name", ["sim", "ident"])
+def test_scripts_named_like_its_packages_are_one_sentence(tmp_path, name):
+    script = tmp_path / f"{name}.py"
+    script.write_text("import multicontact", encoding="utf-8")
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    message = (
+        f"ImportError: multicontact needs its own package '{name}', but {script.resolve()} comes first on Python's"
+    )
+    assert message in ended.stderr.splitlines()[-1]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
