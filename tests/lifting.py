@@ -88,4 +88,4 @@ def recorded(who, low, pace, seed, seconds=6.0, marker=0.002, skin=0.004):
     wrench += FORCE * np.array([1, 1, 1, 0.2, 0.2, 0.2]) * rng.normal(size=wrench.shape)
     wrench[:, [1, 3, 5]] = np.nan
     felt = Recording(time, {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
-    return from_markers(who, who.tree, time, motion(time, low, pace, seed), (marker, skin), rng, felt, "foot")
+    return from_markers(who, who.tree, time, motion(time, low, pace, seed), (marker, skin), rng, felt)

@@ -160,7 +160,6 @@ def from_markers(
     size: tuple[float, float],
     rng: np.random.Generator,
     felt: Recording,
-    base: str = BASE,
 ) -> Recording:
     """Recording with angles and base pose fitted to noisy markers, as by `multicontact angles`.
 
@@ -175,7 +174,6 @@ def from_markers(
         size: Standard deviations of the markers' positions and of the skin's motion, m.
         rng: Random generator of all noise.
         felt: Measurements of plates and rail on the same clock.
-        base: The root body.
     """
     marked, places = _marked(who)
     poses = tree.poses(motion.q)
@@ -194,7 +192,7 @@ def from_markers(
         measured.append(at + noise * rng.normal(size=at.shape))
     postures = fit_trial(marked, np.stack(measured, axis=1))
     check_fit(postures)
-    return recording(postures, time, base, {"sigma_m": postures.sigma}, felt)
+    return recording(postures, time, who.tree.names[0], {"sigma_m": postures.sigma}, felt)
 
 
 def _turned(coordinates: np.ndarray) -> np.ndarray:

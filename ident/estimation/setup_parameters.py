@@ -287,14 +287,16 @@ class ChannelParameters:
     @cached_property
     def shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        every = reversed(self.setup_at.items())
-        return {at: shift for at, each in every if each.row.of != CLOCKS and (shift := each.row.shift)}
+        return self._shifts(of_poses=False)
 
     @cached_property
     def pose_shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of poses by index in θ."""
-        every = self.setup_at.items()
-        return {at: shift for at, each in every if each.row.of == CLOCKS and (shift := each.row.shift)}
+        return self._shifts(of_poses=True)
+
+    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
+        own = ((at, each.row) for at, each in reversed(self.setup_at.items()) if (each.row.of == CLOCKS) == of_poses)
+        return {at: row.shift for at, row in own if row.shift is not None}
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""

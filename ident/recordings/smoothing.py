@@ -10,7 +10,7 @@ from scipy.linalg import lapack
 
 from ident.errors import InputError
 from ident.recordings.times import Sampled
-from ident.tolerances import NORMAL_MAD, ROUNDING
+from ident.tolerances import AT_ONCE, NORMAL_MAD, ROUNDING
 
 UNIFORM = 1 / np.sqrt(12)
 """Standard deviation of the error of rounding to a step of one, which is uniformly distributed."""
@@ -303,9 +303,6 @@ def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     first = bisect_left(range(len(shares) - 1), True, key=is_noise)
     return rate * float(shares[first])
 
-
-AT_ONCE = 1_000_000
-"""Numbers of all windows that are in memory at the same time."""
 
 INTERPOLATED = 0.05
 """Longest time between samples that is no gap, s: over it a motion of a few hertz is linear to some per cent of its

@@ -15,6 +15,7 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import runs
 from ident.recordings.times import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
+from ident.tolerances import NAMED
 
 CLOSE = 1.5
 """Ratio of the distances of two bodies from a force below which the assignment is doubtful."""
@@ -30,9 +31,6 @@ FEWEST = 20
 WHITE, SURE = 0.054, 0.55
 """Share of white noise of one component that is below `FADES` times its median, and what is added to it, over the root
 of the number of samples, so that a larger share does not pass for such noise: 1 % of 4000 draws of 20 to 1000 do."""
-
-LISTED = 4
-"""Episodes on a plate that a note lists."""
 
 
 def about_origins(
@@ -207,9 +205,9 @@ def _contact_note(
     """A note on the bodies found on a plate, with times."""
     borders = np.flatnonzero(np.diff(who, prepend=-1, append=-1))
     spans = [(a, b - 1) for a, b in pairwise(borders) if who[a] >= 0]
-    listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:LISTED]]
-    more = f", and {len(spans) - LISTED} times more" if len(spans) > LISTED else ""
-    doubt = "".join(f" From {time[a]:.2f} s on {body} is nearly as near." for a, body in close[:LISTED])
+    listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:NAMED]]
+    more = f", and {len(spans) - NAMED} times more" if len(spans) > NAMED else ""
+    doubt = "".join(f" From {time[a]:.2f} s on {body} is nearly as near." for a, body in close[:NAMED])
     return f"By its force, on '{name}' is {', '.join(listed) or 'nobody'}{more}.{doubt}"
 
 

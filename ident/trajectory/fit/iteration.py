@@ -188,7 +188,7 @@ def _unpacked(packed: bytes) -> Measurement:
 
 @dataclass(frozen=True, eq=False)
 class _Computer:
-    """What every piece contributes, computed here or by an executor."""
+    """Contributions of every piece, computed here or by an executor."""
 
     measurement: Measurement
     run: Callable[..., Iterable[Any]]
