@@ -1,6 +1,6 @@
 """Preparation of a user's model and recording for a fit: one set of samples, channels and columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
@@ -160,7 +160,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    mechanism, recording, of_loops = moving(mechanism, recording)
+    mechanism, recording, notes = moving(mechanism, recording)
     tree = mechanism.tree
     if mechanism.prior is None:
         mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))
@@ -168,31 +168,14 @@ def prepared(
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
-    of_joints = [f"{joint}_{kind}" for joint in tree.joints for kind in ("torque", "command")]
-    empty = [channel for channel in of_joints if np.isnan(recording.measured.get(channel, 0)).all()]
-    recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
-    steps = repairs.steps(recording, tree)
-    clipped, notes = tuple[Clipped, ...](), of_loops
-    notes += [f"Left out, since they have no numbers: {', '.join(empty)}."] if empty else []
-    if not recording.still:
-        recording, clipped = repairs.without_clipped(recording, mechanism)
-        recording, of_spikes = repairs.without_spikes(recording, mechanism.joints)
-        notes += of_spikes
-    constant = repairs.constants(recording, tree)
-    recording = repairs.without_channels(recording, tree, constant)
-    notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
-    if mechanism.base_rpy_deg is not None:
-        down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
-        of = "base's" if recording.base is None else "poses' axes have"
-        are = " are" if recording.base is None else ""
-        notes.append(f"The {of} roll, pitch and yaw{are} {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
+    recording, steps, clipped, constant, of_repairs = repairs.repaired(recording, mechanism, leave_out)
     resting = repairs.rests(recording, tree)
     check_tracked(mechanism, recording, resting)
-    notes += [repairs.rest_note(*each) for each in resting.items()]
+    notes += [*of_repairs, *_orientation(mechanism, recording), *(repairs.rest_note(*each) for each in resting.items())]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
-    constant |= _constant_together(recording, wrench)
+    constant = constant | _constant_together(recording, wrench)
     wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
     torques = recording.torques_at(tree, motion, cutoff)
     every = dict(zip(COMPONENTS, wrench.T, strict=True))
@@ -201,13 +184,9 @@ def prepared(
     felt = [k for k, freedom in enumerate(tree.freedoms) if freedom in measured]
     if asked and not felt:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive or ())}.")
-    if not measured and leave_out and (recording.wrenches or torques is not None):
-        raise LogError(f"{name} has nothing to fit: all that it measures is left out, {', '.join(leave_out)}.")
-    if not measured and constant:
-        raise LogError(f"{name} is constant in every channel ({', '.join(constant)}); check sensors and columns.")
     if not measured:
-        known = " ".join([*recording.notes, *notes, unmapped(recording.unused)])
-        raise LogError(f"{name} has neither a wrench nor a joint torque to fit. {known}")
+        out = leave_out if recording.wrenches or torques is not None else ()
+        raise LogError(f"{name} {_nothing_to_fit(recording, out, tuple(constant), notes)}")
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     axes = Axes.of(tree, recording.couplings)
     chosen = drives_of(axes, asked, range(len(tree.freedoms))) if felt else ()
@@ -215,13 +194,7 @@ def prepared(
     drives = usual_drives(mechanism, felt, axes) if drive is None else chosen
     samples = Samples(motion, np.column_stack(list(measured.values())))
     equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)
-    notes += _hidden(equations, sensors)
-    notes += [equations.parameters.remark] if equations.parameters.remark else []
-    lost = [name for name in drives if name not in equations.drives]
-    if still := [name for name in lost if column_place(name)[1] in resting]:
-        notes.append(f"{', '.join(still)} do not show in a joint that rests.")
-    if lost := [name for name in lost if name not in still]:
-        notes.append(absorbed_note(mechanism, lost, equations.mixed))
+    notes += [*_hidden(equations, sensors), *_not_separate(equations, drives, resting)]
     return Prepared(
         *(mechanism, recording, equations, samples, sensors, frame, wrench, cutoff),
         notes=(*recording.notes, *notes),
@@ -232,6 +205,39 @@ def prepared(
         searches_stribeck=drive is None,
         resting=tuple(resting),
     )
+
+
+def _orientation(mechanism: Mechanism, recording: Recording) -> list[str]:
+    """Note on the orientation of the base, or of the axes of its poses, if one is stated."""
+    if mechanism.base_rpy_deg is None:
+        return []
+    down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
+    of, are = ("base's", "") if recording.base is None else ("poses' axes have", " are")
+    return [f"The {of} roll, pitch and yaw{are} {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s²."]
+
+
+def _nothing_to_fit(
+    recording: Recording, leave_out: Sequence[str], constant: Sequence[str], notes: Sequence[str]
+) -> str:
+    """Reason why no channel of a recording can be fitted."""
+    if leave_out:
+        return f"has nothing to fit: all that it measures is left out, {', '.join(leave_out)}."
+    if constant:
+        return f"is constant in every channel ({', '.join(constant)}); check sensors and columns."
+    known = " ".join([*recording.notes, *notes, unmapped(recording.unused)])
+    return f"has neither a wrench nor a joint torque to fit. {known}"
+
+
+def _not_separate(equations: Equations, drives: Sequence[str], resting: Collection[str]) -> list[str]:
+    """Notes on parameters that show only together with others, and on drives that were left out."""
+    lost = [name for name in drives if name not in equations.drives]
+    still = [name for name in lost if column_place(name)[1] in resting]
+    absorbed = [name for name in lost if name not in still]
+    return [
+        *([equations.parameters.remark] if equations.parameters.remark else []),
+        *([f"{', '.join(still)} do not show in a joint that rests."] if still else []),
+        *([absorbed_note(equations.mechanism, absorbed, equations.mixed)] if absorbed else []),
+    ]
 
 
 def mounted(mechanism: Mechanism, recording: Recording) -> Mechanism:

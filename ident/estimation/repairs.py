@@ -59,7 +59,46 @@ class Stuck(NamedTuple):
     in_fitted: bool
 
 
-def within_range(recording: Recording) -> Recording:
+class Repaired(NamedTuple):
+    """Recording that a fit can use.
+
+    Attributes:
+        recording: The recording.
+        steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
+        clipped: Channels clipped by a sensor's range.
+        constant: Constant channels, which are left out, with their values.
+        notes: Notes on what was left out and repaired.
+    """
+
+    recording: Recording
+    steps: dict[str, float]
+    clipped: tuple[Clipped, ...]
+    constant: dict[str, float]
+    notes: list[str]
+
+
+def repaired(recording: Recording, mechanism: Mechanism, leave_out: Collection[str]) -> Repaired:
+    """Recording without some channels, constant ones, clipped samples and gross outliers.
+
+    Raises:
+        LogError: A number is too large.
+    """
+    tree = mechanism.tree
+    of_joints = [f"{joint}_{kind}" for joint in tree.joints for kind in ("torque", "command")]
+    empty = [channel for channel in of_joints if np.isnan(recording.measured.get(channel, 0)).all()]
+    recording = without_channels(_within_range(recording), tree, leave_out)
+    recorded, clipped = _steps(recording, tree), tuple[Clipped, ...]()
+    notes = [f"Left out, since they have no numbers: {', '.join(empty)}."] if empty else []
+    if not recording.still:
+        recording, clipped = _without_clipped(recording, mechanism)
+        recording, of_spikes = _without_spikes(recording, mechanism.joints)
+        notes += of_spikes
+    constant = constants(recording, tree)
+    notes += [f"Left out, as asked for: {', '.join(leave_out)}."] if leave_out else []
+    return Repaired(without_channels(recording, tree, constant), recorded, clipped, constant, notes)
+
+
+def _within_range(recording: Recording) -> Recording:
     """Recording whose numbers below `TINY` are zero.
 
     Raises:
@@ -97,7 +136,7 @@ def _columns(recording: Recording, tree: Tree, read: Callable[[str], np.ndarray]
     return {name: x for channel, names in every for name, x in zip(names, read(channel).T, strict=True)}
 
 
-def steps(recording: Recording, tree: Tree) -> dict[str, float]:
+def _steps(recording: Recording, tree: Tree) -> dict[str, float]:
     """Resolution of recorded channels by name, and of coordinates as `JOINT_position`, where it can be detected."""
     columns = _columns(recording, tree, lambda channel: recording.as_measured(channel).columns)
     columns |= {name: recording.as_measured(name).columns[:, 0] for name in _positions(tree)}
@@ -109,7 +148,7 @@ def _positions(tree: Tree) -> list[str]:
     return [f"{body.joint}_position" for body in tree.bodies if body.coordinates == 1]
 
 
-def without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recording, tuple[Clipped, ...]]:
+def _without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recording, tuple[Clipped, ...]]:
     """Recording with clipped samples of its streams set missing, and the clipped channels.
 
     At common times, where no sample can be missing, clipped values stay as read.
@@ -181,7 +220,7 @@ def rest_note(joint: str, position: float) -> str:
     return f"'{joint}' rests at {position:.4g}."
 
 
-def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
+def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
     """Recording with isolated gross outliers interpolated, and notes on them.
 
     Streams stay as measured: the trajectory estimate gives outliers less weight.
