@@ -1,5 +1,6 @@
 """Pieces of a recording for the trajectory estimate: coordinates, channels, contacts and a spline for each piece."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -117,20 +118,7 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         # Nothing holds the base: the sum of all wrenches is zero, at the times of the slowest contact.
         time = min((contact.time for contact in contacts), key=len, default=recording.time)
         parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
-    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
-    for joint, component in (freedoms[k] for k in measurement.equations.torques):
-        servo = recording.servos.get(joint)
-        stream = recording.as_measured(f"{joint}_command" if servo else f"{joint}_torque")
-        own = stream.columns[:, component] * (servo.kp if servo else 1.0)
-        if servo and _commands_alone(measurement):
-            # The mean over the time that each is held, but for the half sample, which is in `Piece.held`.
-            own[1:-1] += np.diff(own, 2) / 24
-        elif servo:
-            # Channels share their times here, so that the half sample of a held command is in its values. Within
-            # samples, angles whose acceleration jumps are off their spline.
-            own = (own + np.append(own[:1], own[:-1])) / 2
-            own[1:-1] -= np.diff(own, 2) / 12
-        parts.append(Sampled(stream.time, own))
+    parts += _torques(prepared, measurement)
     missing = Sampled(recording.time, np.full((len(recording.time), 3 * WIDTH), np.nan))
     poses = [measured_poses(recording, x) if x in recording.trackers else missing for x in measurement.tracked]
     # Their channels, and then the first and the second halves of their orientations.
@@ -144,6 +132,25 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
     halves = np.nan_to_num(references).reshape(len(time), 2, WIDTH * len(poses))
     return Sampled(time, values), np.concatenate([np.stack([averages, wrenches - averages], axis=1), halves], axis=2)
+
+
+def _torques(prepared: Prepared, measurement: Measurement) -> Iterator[Sampled]:
+    """Yields measured joint torques (N,), of commanded joints their commands times `kp`."""
+    recording = prepared.recording
+    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
+    for joint, component in (freedoms[k] for k in measurement.equations.torques):
+        servo = recording.servos.get(joint)
+        stream = recording.as_measured(f"{joint}_command" if servo else f"{joint}_torque")
+        own = stream.columns[:, component] * (servo.kp if servo else 1.0)
+        if servo and _commands_alone(measurement):
+            # The mean over the time that each is held, but for the half sample, which is in `Piece.held`.
+            own[1:-1] += np.diff(own, 2) / 24
+        elif servo:
+            # Channels share their times here, so that the half sample of a held command is in its values. Within
+            # samples, angles whose acceleration jumps are off their spline.
+            own = (own + np.append(own[:1], own[:-1])) / 2
+            own[1:-1] -= np.diff(own, 2) / 12
+        yield Sampled(stream.time, own)
 
 
 def _commands_alone(measurement: Measurement) -> bool:
