@@ -34,28 +34,9 @@ def trajectory(problem: Problem) -> Estimate:
     still = samples.motion.base is None and not np.ptp(samples.motion.q, axis=0).any()
     if poor and (still or problem.wanted is False):
         raise poor
+    with_offsets = _with_offsets(problem)
     known = problem.known if problem.wanted or poor else None
-    with_offsets = separable(equations.with_offsets(equations.sensed), samples)
-    if not problem.held:
-        # Where the sum of all wrenches is zero, a constant one is weight, not an offset.
-        components = len(equations.channels) - len(equations.torques)
-        with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
-    # No search if the set-up is exact, or if something is grossly wrong.
-    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(part.log) for part in problem.fitted)
-    columns = with_offsets if problem.offsets else equations
-    estimate = partial(
-        trajectory_estimate,
-        problem.fitted,
-        columns,
-        search=search,
-        stribeck=problem.fitted[0].log.searches_stribeck,
-        own=problem.own,
-        setup=problem.setup,
-        physical=problem.physical,
-        executor=problem.executor,
-        report=problem.report,
-    )
-    result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
+    result = _fitted(problem, with_offsets if problem.offsets else equations, known)
     halves = differences(result)
     rms = None if halves is None else float(np.sqrt((halves**2).mean()))
     wider = widening(rms)
@@ -75,7 +56,7 @@ def trajectory(problem: Problem) -> Estimate:
     filtered = _least_squares(problem, with_offsets, result)
     others = {
         LEAST_SQUARES: Candidate(with_offsets, filtered.values),
-        MODEL: Candidate.model(with_offsets, problem.samples),
+        MODEL: Candidate.model(with_offsets, samples),
     }
     # All are compared in units of the channels as the estimate has them.
     scales = result.measurement.torque_gains(result.parameters_of(0))
@@ -98,6 +79,36 @@ def trajectory(problem: Problem) -> Estimate:
         unmodelled=predictions.unmodelled(usual) if asked else (),
         undetermined=undetermined(equations, samples) if any(part.log.resting for part in problem.fitted) else (),
     )
+
+
+def _with_offsets(problem: Problem) -> Equations:
+    """Equations with the offsets of channels that the samples separate from the other columns."""
+    equations = problem.equations
+    out = separable(equations.with_offsets(equations.sensed), problem.samples)
+    if problem.held:
+        return out
+    # Where the sum of all wrenches is zero, a constant one is weight, not an offset.
+    components = len(equations.channels) - len(equations.torques)
+    return equations.with_offsets([k for k in out.offsets if k >= components])
+
+
+def _fitted(problem: Problem, columns: Equations, known: Mapping[str, float] | None) -> TrajectoryEstimate:
+    """Trajectory estimate of some columns, with the standard deviations of φ to use first, None for no prior."""
+    # No search if the set-up is exact, or if something is grossly wrong.
+    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(part.log) for part in problem.fitted)
+    estimate = partial(
+        trajectory_estimate,
+        problem.fitted,
+        columns,
+        search=search,
+        stribeck=problem.fitted[0].log.searches_stribeck,
+        own=problem.own,
+        setup=problem.setup,
+        physical=problem.physical,
+        executor=problem.executor,
+        report=problem.report,
+    )
+    return _known_enough(estimate, known, problem.known if problem.wanted is None else known)
 
 
 def _least_squares(problem: Problem, equations: Equations, result: TrajectoryEstimate) -> FilteredLeastSquares:
