@@ -84,33 +84,15 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
             columns.setdefault(f"joints.{joint}.command", Columns((command,)))
-    whole, depends = mapping.mechanism, set[str]()
-    if whole:
-        depends = {*whole.tree.joints} - {*moved(replace(mapping, columns=columns), whole).tree.joints}
-    for joint, joint_kind in joints.items():
-        if not all(columns[f"joints.{joint}.position"].names) and joint not in (*mapping.followers, *depends):
-            names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
-            raise NoPositionError(
-                f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
-                f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
-                f"Where it does not move, --fix {shlex.quote(joint)} [VALUE] leaves it out (fix= of mc.mechanism)."
-                f"{suggestion}"
-            )
+    _check_positions(replace(mapping, columns=columns), table, joints, suggestion)
     if not columns["time"].names[0]:
         raise LogError(
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
             f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
     for sensor, place in {GROUND: Sensor(), **stated.get("sensors", {})}.items():
-        parts = {
-            f"wrenches.{sensor}.{kind}": tuple(
-                _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))
-                for c in "xyz"
-            )
-            for kind, letter in (("force", "f"), ("torque", "m"))
-        }
-        if sensor not in sensors and any(map(any, parts.values())):
-            columns |= {key: Columns(names) for key, names in parts.items()}
+        if sensor not in sensors and (of_sensor := _of_sensor(table, sensor)):
+            columns |= of_sensor
             sensors[sensor] = place
     for name in mapping.trackers:
         for kind, ends in (("position", "xyz"), ("orientation", "wxyz")):
@@ -130,6 +112,33 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     angles = {f"joints.{joint}.{kind}" for joint in hinges for kind in ("position", "command")}
     turns = {name: own for key in columns if key in angles for name, own in turns_of(columns[key]).items()}
     return replace(mapping, columns=columns, sensors=sensors, turns=turns)
+
+
+def _check_positions(mapping: ColumnMapping, table: Table, joints: Mapping[str, str], suggestion: str) -> None:
+    """Raises an error if a joint without positions neither follows another one nor depends on loops."""
+    whole, depends = mapping.mechanism, set[str]()
+    if whole:
+        depends = {*whole.tree.joints} - {*moved(mapping, whole).tree.joints}
+    for joint, kind in joints.items():
+        if not all(mapping.columns[f"joints.{joint}.position"].names) and joint not in (*mapping.followers, *depends):
+            names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), kind == "ball"
+            raise NoPositionError(
+                f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
+                f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
+                f"Where it does not move, --fix {shlex.quote(joint)} [VALUE] leaves it out (fix= of mc.mechanism)."
+                f"{suggestion}"
+            )
+
+
+def _of_sensor(table: Table, sensor: str) -> dict[str, Columns]:
+    """Columns of a sensor's force and torque by their names, none if the file has none of them."""
+    parts = {
+        f"wrenches.{sensor}.{kind}": tuple(
+            _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}")) for c in "xyz"
+        )
+        for kind, letter in (("force", "f"), ("torque", "m"))
+    }
+    return {key: Columns(names) for key, names in parts.items()} if any(map(any, parts.values())) else {}
 
 
 def _with_saved(mapping: ColumnMapping, stated: Mapping[str, Any]) -> ColumnMapping:

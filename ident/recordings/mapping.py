@@ -190,7 +190,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     Raises:
         LogError: It is malformed, or names joints or bodies that the mechanism does not have.
     """
-    joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
+    bodies, of_rows = tree.names, ("time", "rate", "poses")
     tables = (*of_rows, "joints", "motors", "wrenches", "base", "load", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, (*tables, "tracked"))
     segments_of(entries.get("segments", {}))
@@ -207,28 +207,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     if "load" in entries:
         check_keys("[load]", table("load", entries["load"]), ("body",))
         mapping.loaded = choice("load.body", entries["load"].get("body"), bodies)
-    of_joints = table("joints", entries.get("joints", {}))
-    still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
-    mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
-    check_keys("[joints]", of_joints, (*joints, *tree.still))
-    for joint, quantities in ((joint, of_joints[joint]) for joint in of_joints if joint in joints):
-        ball = joints[joint] == "ball"
-        keys = KINDS if ball else (*KINDS, "command", *GAINS, *SCALES)
-        check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(keys))
-        mapping.servos |= servo_of(joint, quantities)
-        mapping.scales |= scale_of(joint, quantities)
-        for kind, entry in ((key, x) for key, x in quantities.items() if key not in (*GAINS, *SCALES)):
-            key, quantity = f"joints.{joint}.{kind}", f"{joints[joint]} {kind}"
-            columns = several(key, entry, len(BALL[kind])) if ball else single(key, entry, quantity)
-            mapping.columns[key] = columns
-    with_axes = dict.fromkeys(tree.still, "hinge") | {joint: kind for joint, kind in joints.items() if kind != "ball"}
-    for name, entry in table("motors", entries.get("motors", {})).items():
-        of_motors, couplings = joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes)
-        mapping.couplings |= couplings
-        for key, columns in of_motors.items():
-            if key in mapping.columns:
-                raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
-            mapping.columns[key] = columns
+    _add_joints(mapping, entries, tree)
     for name, entry in table("wrenches", entries.get("wrenches", {})).items():
         mapping.columns |= plates.columns_of(f"wrenches.{name}", table(f"wrenches.{name}", entry))
         if plate := plates.plate(name, entry, bodies):
@@ -237,15 +216,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     for name, entry in table("tracked", entries.get("tracked", {})).items():
         _add_tracked(mapping, name, table(f"tracked.{name}", entry))
     if "base" in entries:
-        entry = table("base", entries["base"])
-        check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
-        if "rpy_deg" in entry:
-            mapping.base_rpy_deg = checked_rpy("base.rpy_deg", entry["rpy_deg"], LogError)
-        mapping.held = value_of("base.held", entry.get("held"), bool | None)
-        if entry.keys() - {"held", "rpy_deg"}:
-            length = factor_of("base", entry, "unit", "length")
-            mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
-            mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
+        _add_base(mapping, table("base", entries["base"]))
     # Joints that share a column of positions follow each other, which shows when all columns are known.
     check_no_column_twice({k: used for k, used in mapping.columns.items() if not k.startswith("joints.")})
     return _without_still(mapping, tree.still)
@@ -350,6 +321,44 @@ def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str,
         raise LogError(f"[known.{short(absent[0])}] needs the name of a body, one of {', '.join(bodies)}.")
     known = _deviations("known", {"known": {key: x for key, x in entry.items() if key not in own}}, KNOWN)
     return known, {name: _deviations(f"known.{name}", {f"known.{name}": each}, KNOWN) for name, each in own.items()}
+
+
+def _add_joints(mapping: ColumnMapping, entries: Mapping[str, Any], tree: Tree) -> None:
+    """Adds columns, gains and scales of joints, and of motors that move several, to a mapping."""
+    joints, of_joints = joint_kinds(tree), table("joints", entries.get("joints", {}))
+    still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
+    mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
+    check_keys("[joints]", of_joints, (*joints, *tree.still))
+    for joint, quantities in ((joint, of_joints[joint]) for joint in of_joints if joint in joints):
+        ball = joints[joint] == "ball"
+        keys = KINDS if ball else (*KINDS, "command", *GAINS, *SCALES)
+        check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(keys))
+        mapping.servos |= servo_of(joint, quantities)
+        mapping.scales |= scale_of(joint, quantities)
+        for kind, entry in ((key, x) for key, x in quantities.items() if key not in (*GAINS, *SCALES)):
+            key, quantity = f"joints.{joint}.{kind}", f"{joints[joint]} {kind}"
+            columns = several(key, entry, len(BALL[kind])) if ball else single(key, entry, quantity)
+            mapping.columns[key] = columns
+    with_axes = dict.fromkeys(tree.still, "hinge") | {joint: kind for joint, kind in joints.items() if kind != "ball"}
+    for name, entry in table("motors", entries.get("motors", {})).items():
+        of_motors, couplings = joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes)
+        mapping.couplings |= couplings
+        for key, columns in of_motors.items():
+            if key in mapping.columns:
+                raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
+            mapping.columns[key] = columns
+
+
+def _add_base(mapping: ColumnMapping, entry: Mapping[str, Any]) -> None:
+    """Adds orientation and columns of the base to a mapping."""
+    check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
+    if "rpy_deg" in entry:
+        mapping.base_rpy_deg = checked_rpy("base.rpy_deg", entry["rpy_deg"], LogError)
+    mapping.held = value_of("base.held", entry.get("held"), bool | None)
+    if entry.keys() - {"held", "rpy_deg"}:
+        length = factor_of("base", entry, "unit", "length")
+        mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
+        mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
 
 
 def _add_tracked(mapping: ColumnMapping, name: str, entry: Mapping[str, Any]) -> None:
