@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, Belief, ColumnGroup, TableEntry
+from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import (
     check_positions,
     check_wrenches_and_torques,
@@ -87,6 +87,7 @@ def believed(
     if belief.complete and mechanism.prior is not None:
         check_wrenches_and_torques(belief, limit)
     add_commands(belief)
+    _note_currents(belief)
     asked = belief.undecided or belief.torques_undecided or log.markers
     if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
@@ -125,6 +126,21 @@ def _complete(belief: Belief) -> None:
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not belief.log.markers:
         listed, fixed = ", ".join(map(repr, absent)), " ".join(f"--fix {shlex.quote(joint)}" for joint in absent)
         belief.ask(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
+
+
+def _note_currents(belief: Belief) -> None:
+    """Notes which currents are not used as torques, and what is to state for them."""
+    torques = [x for x in belief.quantities.values() if x.kind == "torque"]
+    unused = [x.column for x in torques if x.is_current and x.sure == DOUBTFUL]
+    if not belief.of("torque"):
+        free = {name: words(name) for name in belief.free if name in belief.log.columns}
+        unused += [name for name, own in free.items() if own.kind == "current" and own.numbers and own.measured]
+    if unused:
+        entry = f'torque = {{ column = "{unused[0]}", unit = "{words(unused[0]).unit or "A"}", gain = GAIN }}'
+        belief.notes.append(
+            f"The currents {_listed(unused)} are not used: as torques they need the motors' constants times the gear "
+            f"ratios, gains in N m/A, from data sheets. State {entry} for each joint."
+        )
 
 
 @dataclass(frozen=True)

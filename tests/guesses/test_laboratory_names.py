@@ -86,6 +86,16 @@ def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, 
     assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
 
 
+@pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
+def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
+    rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of(current, rubs), ARM)
+    first, *_, last = columns_of(current, Q)
+    entry = f'torque = {{ column = "{first}", unit = "{unit}", gain = GAIN }}'
+    assert mapped(belief, "torque") == {}
+    assert any(f"{first} to {last} are not used" in note and entry in note for note in belief.notes)
+
+
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
     columns = columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates)
