@@ -35,10 +35,19 @@ def run(args: argparse.Namespace) -> None:
 
     if args.rerun:
         check_installed()
-    _, document, out = identified_from(args, options.folder(args))
+    folder = options.folder(args)
+    replaced = options.of_replaced(args, folder)
+    _, document, out = identified_from(args, folder)
     if args.rerun and document.replay is not None:
         document = replace(document, files={**document.files, RERUN: partial(write_rerun, document.replay)})
-    write(document, out, stale=identify_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
+    write(
+        document,
+        out,
+        stale=identify_report.OUTPUTS,
+        inputs=options.inputs(args),
+        then=replaced,
+        verbose=args.verbose,
+    )
 
 
 def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:

@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.body and not (args.loaded and args.columns):
         raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file of a load.')
     folder = options.folder(args)
+    replaced = options.of_replaced(args, folder)
     robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
     logs, loaded = (
         [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in several]
@@ -50,7 +51,14 @@ def run(args: argparse.Namespace) -> None:
     origin = options.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = options.output_of(args, folder)
-    write(document, out, stale=payload_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
+    write(
+        document,
+        out,
+        stale=payload_report.OUTPUTS,
+        inputs=options.inputs(args),
+        then=replaced,
+        verbose=args.verbose,
+    )
 
 
 OPTIONS: options.Options = {
