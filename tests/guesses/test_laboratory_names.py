@@ -86,6 +86,22 @@ def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, 
     assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
 
 
+@pytest.mark.parametrize(("reversed_", "factor"), [("lift", 1.0), ("elbow", DEG)])
+def test_a_reversed_encoder_does_not_change_the_unit(tmp_path, reversed_, factor):
+    """Of small motions, which a model whose angles are far too small explains better than one of opposite sign."""
+    rng = np.random.default_rng(3)
+    q, *rates = sines(TIME, rng.uniform(0.05, 0.15, (3, 4)), np.array([0.9, 1.7, 2.9, 4.1]), rng.uniform(0, 6, (3, 4)))
+    exact = predicted_channels(ARM, Motion(q, *rates), np.eye(4))
+    wrench = np.stack([exact[c] for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")], axis=1)
+    plate = dict(zip(WRENCH, (wrench + 0.02 * rng.normal(size=wrench.shape)).T, strict=True))
+    signs = np.where(np.array(JOINTS) == reversed_, -factor, factor)
+    belief = belief_of(tmp_path, columns_of("{n}_position", signs * q) | plate, ARM)
+    positions = belief.of("position")
+    assert {x.unit for x in positions.values()} == {"deg" if factor > 1 else "rad"}
+    assert [joint for joint, x in positions.items() if x.gain < 0] == [reversed_]
+    assert "turned, since the model explains" in positions[reversed_].why[-1]
+
+
 @pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
 def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
     rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
