@@ -30,6 +30,7 @@ PAYS = 30_000
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.replay import RERUN, check_installed, write_rerun
+    from experiments.document.typography import wrapped
     from experiments.document.writer import write
     from experiments.reports import identify_report
 
@@ -37,7 +38,8 @@ def run(args: argparse.Namespace) -> None:
         check_installed()
     folder = options.folder(args)
     replaced = options.of_replaced(args, folder)
-    _, document, out = identified_from(args, folder)
+    result, document, out = identified_from(args, folder)
+    unwritten = identify_report.not_held(identify_report.updated_file(result.prepared.mechanism), result)
     if args.rerun and document.replay is not None:
         document = replace(document, files={**document.files, RERUN: partial(write_rerun, document.replay)})
     write(
@@ -45,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         out,
         stale=identify_report.OUTPUTS,
         inputs=options.inputs(args),
-        then=replaced,
+        then=wrapped("\n".join(filter(None, [*unwritten, replaced]))),
         verbose=args.verbose,
     )
 
