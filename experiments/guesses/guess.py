@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from math import perm
 from pathlib import Path
 
@@ -138,8 +138,8 @@ def _note_currents(belief: Belief) -> None:
     if unused:
         entry = f'torque = {{ column = "{unused[0]}", unit = "{words(unused[0]).unit or "A"}", gain = GAIN }}'
         belief.notes.append(
-            f"The currents {_listed(unused)} are not used: as torques they need the motors' constants times the gear "
-            f"ratios, gains in N m/A, from data sheets. State {entry} for each joint."
+            f"Not used, as the gain of a current is not known here: {_listed(unused)}. State {entry} for each joint, "
+            "with its motor's constant times the gear ratio in N m/A from the data sheet."
         )
 
 
@@ -245,6 +245,24 @@ class OrderSearch:
                 judged.append(replace(order, left=1 - float(best.mean()) if best.size else 1.0))
             # Among columns without names, the best-fitting ones were measured.
             yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
+
+    def swapped(self, positions: Family, torques: Family) -> list[Order]:
+        """The order of positions and torques of the joints that two swapped joints make no better, and all these."""
+
+        def judged(joints: Sequence[str], label: str) -> Order:
+            order, own = Order(label, dict(zip(joints, positions.names, strict=True)), positions), torques.names
+            return next(self.judged(order, [dict(zip(joints, own, strict=True))], own))
+
+        best, joints = judged(self.joints, MODEL), [*self.joints]
+        while True:
+            ways = list[Order]()
+            for i, k in combinations(range(len(joints)), 2):
+                other = [joints[{i: k, k: i}.get(j, j)] for j in range(len(joints))]
+                ways.append(judged(other, ANY))
+            better = min(ways, key=lambda order: order.left)
+            if better.left >= best.left:
+                return [best, *ways]
+            best, joints = better, [*better.positions]
 
     def _scales(self, order: Order) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
@@ -353,9 +371,24 @@ def add_any(belief: Belief) -> None:
         search = OrderSearch(ComparedModel.of(belief, names), lacking)
         orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
         search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
+    elif alike := _alike(belief, len(lacking)):
+        search = OrderSearch(ComparedModel.of(belief, alike[0].names), lacking)
+        search.add_best(search.swapped(*alike))
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
-        belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
+        belief.ask(f"The positions of {_listed(lacking)} may be {several}.", lacking)
+
+
+def _alike(belief: Belief, number: int) -> tuple[Family, Family] | None:
+    """Positions and torques by the words of their names, if there are as many of each as joints; else None."""
+    kinds: dict[str, list[str]] = {}
+    for name in (name for name in belief.free if name in belief.log.columns and words(name).measured):
+        kinds.setdefault(words(name).kind, []).append(name)
+    both = [kinds.get("position", []), kinds.get("torque") or kinds.get("current", [])]
+    if any(len(names) != number for names in both):
+        return None
+    positions, torques = (Family.of("", enumerate(names)) for names in both)
+    return positions, torques
 
 
 def _listed(names: Iterable[str]) -> str:

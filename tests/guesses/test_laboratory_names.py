@@ -102,6 +102,16 @@ def test_a_reversed_encoder_does_not_change_the_unit(tmp_path, reversed_, factor
     assert "turned, since the model explains" in positions[reversed_].why[-1]
 
 
+@pytest.mark.parametrize("order", [range(7), (0, 3, 6, 4, 1, 2, 5)])
+def test_joints_with_names_of_their_own_are_found_whatever_their_order(tmp_path, order):
+    robot, own = seven(), ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange")
+    columns = {"time": robot.time} | {f"{own[k]} angle [deg]": DEG * robot.q[:, k] for k in order}
+    belief = belief_of(tmp_path, columns | {f"{own[k]} torque [Nm]": robot.tau[:, k] for k in order}, robot.mechanism)
+    assert belief.open == [] and belief.complete
+    for kind, quantity in (("position", "angle [deg]"), ("torque", "torque [Nm]")):
+        assert mapped(belief, kind) == {joint: f"{n} {quantity}" for joint, n in zip(robot.joints, own, strict=True)}
+
+
 @pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
 def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
     rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
@@ -109,7 +119,7 @@ def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, 
     first, *_, last = columns_of(current, Q)
     entry = f'torque = {{ column = "{first}", unit = "{unit}", gain = GAIN }}'
     assert mapped(belief, "torque") == {}
-    assert any(f"{first} to {last} are not used" in note and entry in note for note in belief.notes)
+    assert any(f"not known here: {first} to {last}. State {entry}" in note for note in belief.notes)
 
 
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
