@@ -112,6 +112,14 @@ def test_joints_with_names_of_their_own_are_found_whatever_their_order(tmp_path,
         assert mapped(belief, kind) == {joint: f"{n} {quantity}" for joint, n in zip(robot.joints, own, strict=True)}
 
 
+def test_a_counter_of_samples_is_no_time(tmp_path):
+    columns = {"Frame": np.arange(900)} | columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU)
+    (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
+    with pytest.raises(ident.LogError, match=r"'Frame' counts samples; a log needs one, or --rate HZ"):
+        believed(ARM, [tmp_path / "log.csv"])
+    assert believed(ARM, [tmp_path / "log.csv"], rate=100.0).complete
+
+
 @pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
 def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
     rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
