@@ -195,10 +195,11 @@ def _turn(model: ComparedModel, here: Left) -> float:
             break
         # The mirror image of a motion fits a plate that is turned by 180°; a plate that is not turned is likelier.
         joint, *rest = sorted(good, key=lambda joint: (ways[joint].straight, ways[joint].somehow))
-        if rest and ways[joint].straight > FAR_BETTER * ways[rest[0]].straight:
+        turned = any(not group.is_inner for group in model.belief.groups.values())
+        if rest and ways[joint].straight > (FAR_BETTER if turned else CLEAR) * ways[rest[0]].straight:
+            which = "which of them depends on how the wrench's axes are turned" if turned else "which of them is open"
             model.belief.ask(
-                f"One of {', '.join(sorted(good))} has the opposite sign, which of them depends on how the "
-                "wrench's axes are turned: gain = -1 in its position."
+                f"One of {', '.join(sorted(good))} has the opposite sign, {which}: gain = -1 in its position."
             )
             model.belief.sign_undecided = True
             break
@@ -308,6 +309,10 @@ def _set_units_of_torques(belief: Belief, gains: Mapping[str, Gain]) -> None:
     free = [abs(ratio) for joint, ratio in ratios.items() if not stated[joint]]
     in_newton = any(map(_is_near, free))
     in_millimetres = bool(free) and not in_newton and all(_is_near(1e3 * ratio) for ratio in free)
+    for joint in gains.keys() - ratios.keys() if in_millimetres else ():
+        if not stated[joint] and belief.kinds[joint] == "hinge":
+            torques[joint].unit = "N mm"
+            torques[joint].why.append("N mm since others are")
     for joint, ratio in ratios.items():
         x, times = torques[joint], f"± {gains[joint].deviation * abs(ratio):.1g}"
         x.gain = float(np.sign(ratio))

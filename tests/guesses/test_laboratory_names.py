@@ -112,6 +112,26 @@ def test_joints_with_names_of_their_own_are_found_whatever_their_order(tmp_path,
         assert mapped(belief, kind) == {joint: f"{n} {quantity}" for joint, n in zip(robot.joints, own, strict=True)}
 
 
+@pytest.mark.parametrize("joint", ["lift", "elbow"])
+def test_a_joint_and_its_torque_of_opposite_sign_are_turned(tmp_path, joint):
+    """Beside rotors another joint's sign explains half of the rest as well; no axes of a wrench are in doubt."""
+    acceleration = np.gradient(np.gradient(Q, axis=0), axis=0) / 0.01**2
+    tau = TAU + acceleration + 0.5 * np.sign(np.gradient(Q, axis=0))
+    signs = np.where(np.array(JOINTS) == joint, -1, 1)
+    columns = columns_of("{n}_position", signs * Q) | columns_of("{n}_torque", signs * tau)
+    belief = belief_of(tmp_path, columns, ARM)
+    for kind in ("position", "torque"):
+        assert [x.gain for x in belief.of(kind).values()] == signs.tolist()
+    assert belief.open == []
+
+
+def test_torques_are_in_the_unit_of_the_others(tmp_path):
+    """Also one that friction hides from the model."""
+    rubs = 1e3 * (TAU + [8, 0, 0] * np.sign(np.gradient(Q, axis=0)))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", rubs), ARM)
+    assert {x.unit for x in belief.of("torque").values()} == {"N mm"}
+
+
 def test_a_counter_of_samples_is_no_time(tmp_path):
     columns = {"Frame": np.arange(900)} | columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU)
     (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
