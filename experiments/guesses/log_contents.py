@@ -284,7 +284,7 @@ def _layout(path: Path, limit: int) -> Layout:
             if row is None:
                 break
             cells = [str(cell[0]) for cell in row.cells.values()]
-            layout = Layout(not all(is_number(cell) for cell in cells if cell), skip)
+            layout = Layout(not any(map(is_number, cells)), skip)
             table = next(read_tables(path, 50, limit=limit, layout=layout), None)
             if table and len(_numbers(table)[0]) > 1:
                 return layout

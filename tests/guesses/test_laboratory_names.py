@@ -132,6 +132,20 @@ def test_torques_are_in_the_unit_of_the_others(tmp_path):
     assert {x.unit for x in belief.of("torque").values()} == {"N mm"}
 
 
+def test_rows_of_words_and_numbers_have_no_header(tmp_path):
+    """As those of ros2 topic echo --csv: stamp, frame, names, positions and efforts."""
+    robot, columns = seven(), [str(k + 1) for k in range(24)]
+    stamps = [f"{1700000000 + int(t)},{round(t % 1 * 1e9)},,{','.join(robot.joints)}" for t in robot.time]
+    numbers = np.hstack([robot.q, robot.tau]).tolist()
+    rows = [",".join([stamp, *map(repr, row)]) for stamp, row in zip(stamps, numbers, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    belief = believed(robot.mechanism, [tmp_path / "log.csv"], rate=50.0)
+    for kind, first in (("position", 10), ("torque", 17)):
+        assert mapped(belief, kind) == dict(zip(robot.joints, columns[first : first + 7], strict=True)), belief.open
+    read = read_as_guessed(tmp_path, belief, robot.mechanism)
+    np.testing.assert_allclose(read.of_joints(robot.joints, "position"), robot.q, atol=1e-9)
+
+
 def test_a_counter_of_samples_is_no_time(tmp_path):
     columns = {"Frame": np.arange(900)} | columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU)
     (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
