@@ -30,15 +30,26 @@ PAYS = 30_000
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.replay import RERUN, check_installed, write_rerun
+    from experiments.document.typography import wrapped
     from experiments.document.writer import write
     from experiments.reports import identify_report
 
     if args.rerun:
         check_installed()
-    _, document, out = identified_from(args, options.folder(args))
+    folder = options.folder(args)
+    replaced = options.of_replaced(args, folder)
+    result, document, out = identified_from(args, folder)
+    unwritten = identify_report.not_held(identify_report.updated_file(result.prepared.mechanism), result)
     if args.rerun and document.replay is not None:
         document = replace(document, files={**document.files, RERUN: partial(write_rerun, document.replay)})
-    write(document, out, stale=identify_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
+    write(
+        document,
+        out,
+        stale=identify_report.OUTPUTS,
+        inputs=options.inputs(args),
+        then=wrapped("\n".join(filter(None, [*unwritten, replaced]))),
+        verbose=args.verbose,
+    )
 
 
 def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from experiments.cli import options, running
-from ident.errors import InputError
+from ident.errors import InputError, about
 
 
 def run(args: argparse.Namespace) -> None:
@@ -14,7 +14,7 @@ def run(args: argparse.Namespace) -> None:
     from ident.files.readers import is_log
     from ident.mechanism.mechanism import Mechanism
     from ident.payload import Payload, place_of
-    from ident.payload.beyond_sensor import identify_payload
+    from ident.payload.beyond_sensor import check_wrench, identify_payload
     from ident.payload.load import identify_load
     from ident.recordings.log import read_log
     from sim.models.model_mechanism import mechanism
@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.body and not (args.loaded and args.columns):
         raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file of a load.')
     folder = options.folder(args)
+    replaced = options.of_replaced(args, folder)
     robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
     logs, loaded = (
         [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in several]
@@ -45,12 +46,22 @@ def run(args: argparse.Namespace) -> None:
     if loaded:
         payload = identify_load(robot, logs, loaded, mass=args.mass, **fitting)
     else:
+        for log, recording in zip(args.logs, logs, strict=True):
+            with about(log):
+                check_wrench(recording, args.sensor, body)
         payload = identify_payload(robot, logs, sensor=args.sensor, **fitting)
     report = payload_report.PayloadReport(payload, args.flange or body)
     origin = options.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = options.output_of(args, folder)
-    write(document, out, stale=payload_report.OUTPUTS, inputs=options.inputs(args), verbose=args.verbose)
+    write(
+        document,
+        out,
+        stale=payload_report.OUTPUTS,
+        inputs=options.inputs(args),
+        then=replaced,
+        verbose=args.verbose,
+    )
 
 
 OPTIONS: options.Options = {

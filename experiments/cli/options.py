@@ -3,6 +3,7 @@
 import argparse
 import hashlib
 import json
+import re
 import sys
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
@@ -30,6 +31,9 @@ LOGS = (
     "DATASET#3, or FILE+FILE: angles in one, forces in another"
 )
 """Help on the formats of a log."""
+
+UNSEEN = ("out", "name", "verbose", "formats", "workers", "rerun")
+"""Options without effect on numbers."""
 
 NONE = "none"
 """Format of figures that are not drawn."""
@@ -179,8 +183,8 @@ def size_limit(args: argparse.Namespace) -> int:
 
 
 def folder(args: argparse.Namespace) -> Path:
-    """Folder of the results; a folder that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem if args.model else args.body}-{log_name(args.logs[0])}"
+    """Folder of the results; one with an input or, unless it is named, results of other files is refused."""
+    name = args.name or _default_name(args)
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out: Path = args.out / name
@@ -188,7 +192,52 @@ def folder(args: argparse.Namespace) -> Path:
         if Path(realpath(given)).parent == Path(realpath(out)):
             raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
     check_different(args)
+    if not args.name and (other := _other_file(args, out)):
+        raise InputError(
+            f"'{out}' holds results of other files than '{other}': --name NAME writes into another folder, "
+            f"--name {name} replaces them."
+        )
     return out
+
+
+def _default_name(args: argparse.Namespace) -> str:
+    """Name of a folder, of the model or body, the logs and an estimator that is not the default."""
+    logs = [log_name(log) for log in args.logs]
+    # Of many logs the first and the number of others, since names of folders have a limit.
+    several = "+".join(logs) if len(logs) < 4 else f"{logs[0]}+{len(logs) - 1}"
+    estimator = getattr(args, "estimator", "trajectory")
+    return f"{args.model.stem if args.model else args.body}-{several}" + f"-{estimator}" * (estimator != "trajectory")
+
+
+def _other_file(args: argparse.Namespace, out: Path) -> Path | None:
+    """A model or log that the results in a folder are not of, neither by its path nor by its contents."""
+    (earlier, sums), files = _earlier(out), [*filter(None, [args.model]), *args.logs]
+    for file in (file for file in files if earlier and json.dumps(str(file)) not in json.dumps(earlier)):
+        with suppress(OSError):  # A missing file has its own sentence.
+            if not sums.issuperset(_sums(json.dumps(file_entry(file)))):
+                return file
+    return None
+
+
+def of_replaced(args: argparse.Namespace, out: Path) -> str:
+    """Sentence on results of other options that the folder holds so far; empty if there are none."""
+    earlier, _ = _earlier(out)
+    given = {key: value for key, value in as_text(args).items() if key not in (*UNSEEN, "model", "logs")}
+    others = [f"--{key.replace('_', '-')}" for key, value in given.items() if earlier.get(key, value) != value]
+    listed = ", ".join(others)
+    return f"These results replaced those of other options ({listed}); --name NAME keeps both." if others else ""
+
+
+def _earlier(out: Path) -> tuple[dict[str, Any], set[str]]:
+    """Options of the results in a folder, and the SHA-256 sums of their files; nothing without any."""
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        text = (out / "provenance.json").read_text(encoding="utf-8")
+        return dict(json.loads(text)["options"]), _sums(text)
+    return {}, set()
+
+
+def _sums(text: str) -> set[str]:
+    return set(re.findall(r'"sha256": "(\w+)"', text))
 
 
 def log_name(log: Path) -> str:

@@ -35,6 +35,9 @@ from sim.models.notes import LONGEST
 TIE = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
+KNOWN = 0.02
+"""Unexplained share below which signs are not doubted."""
+
 
 def set_units(belief: Belief) -> None:
     """Sets units of positions by the file, their names, their velocities' units, and their size."""
@@ -123,30 +126,45 @@ def check_positions(model: ComparedModel) -> None:
     Likely columns that explain next to nothing become doubtful. An open sign is indistinguishable from turned axes of a
     wrench.
     """
-    left = _turn(model, _other_unit(model, model.left()))
+    _other_unit(model)
+    left = _turn(model, model.left())
     if not model.belief.sign_undecided and 1 - left < ENOUGH:
         _doubt(model.belief, left)
 
 
-def _other_unit(model: ComparedModel, here: Left) -> Left:
-    """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
+def _other_unit(model: ComparedModel) -> None:
+    """Exchanges radians and degrees if the model explains far more then, each with the signs that suit it best.
+
+    With a joint of opposite sign, too small angles may explain more than right ones: so small they hardly matter.
+    """
     joints = [x for joint, x in model.belief.of("position").items() if joint in model.belief.by_size]
     if not joints:
-        return here
+        return
     # A program has one unit for all angles.
     unit = joints[0].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
-    there = model.left({x.joint: scale for x in joints})
-    if there.somehow <= min(CLEAR * here.somehow, here.somehow - TIE):
+    here, there = _left_somehow(model, {}), _left_somehow(model, {x.joint: scale for x in joints})
+    if there <= min(CLEAR * here, here - TIE):
         for x in joints:
             x.unit = other
-            shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
-            x.why.append(f"{other} since the model explains {shares}")
+            x.why.append(f"{other} since the model explains {explained(there)} then, in {unit} {explained(here)}")
         model.belief.by_size.clear()
-        return there
-    if here.somehow < min(CLEAR * there.somehow, there.somehow - TIE, 1 - ENOUGH):
+    elif here < min(CLEAR * there, there - TIE, 1 - ENOUGH):
         model.belief.by_size.clear()
-    return here
+
+
+def _left_somehow(model: ComparedModel, factors: Mapping[str, float]) -> float:
+    """Share left unexplained with factors on positions and the signs that leave least: one more, or all, at a time."""
+    here, left = dict(factors), model.left(factors).somehow
+    joints = [joint for joint, x in model.belief.of("position").items() if x.column in model.states]
+    while joints and left > KNOWN:
+        turned = {joint: -here.get(joint, 1.0) for joint in joints}
+        ways = [here | turned, *(here | {joint: sign} for joint, sign in turned.items())]
+        shares = [model.left(way).somehow for way in ways]
+        if min(shares) >= left:
+            break
+        here, left = ways[int(np.argmin(shares))], min(shares)
+    return left
 
 
 def _doubt(belief: Belief, left: float) -> None:
@@ -167,20 +185,21 @@ def _doubt(belief: Belief, left: float) -> None:
 def _turn(model: ComparedModel, here: Left) -> float:
     """Inverts joints whose opposite sign explains far more, one by one, and returns the unexplained share.
 
-    If two do so equally, the sign stays open. Signs are not doubted where all but 2 % are explained.
+    If two do so equally, the sign stays open. Signs are not doubted where all but `KNOWN` is explained.
     """
     positions = {j: x for j, x in model.belief.of("position").items() if x.column in model.states}
-    while here.somehow > 0.02:
+    while here.somehow > KNOWN:
         ways = {joint: model.left({joint: -1.0}) for joint in positions}
         good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
         if not good:
             break
         # The mirror image of a motion fits a plate that is turned by 180°; a plate that is not turned is likelier.
         joint, *rest = sorted(good, key=lambda joint: (ways[joint].straight, ways[joint].somehow))
-        if rest and ways[joint].straight > FAR_BETTER * ways[rest[0]].straight:
+        turned = any(not group.is_inner for group in model.belief.groups.values())
+        if rest and ways[joint].straight > (FAR_BETTER if turned else CLEAR) * ways[rest[0]].straight:
+            which = "which of them depends on how the wrench's axes are turned" if turned else "which of them is open"
             model.belief.ask(
-                f"One of {', '.join(sorted(good))} has the opposite sign, which of them depends on how the "
-                "wrench's axes are turned: gain = -1 in its position."
+                f"One of {', '.join(sorted(good))} has the opposite sign, {which}: gain = -1 in its position."
             )
             model.belief.sign_undecided = True
             break
@@ -290,6 +309,10 @@ def _set_units_of_torques(belief: Belief, gains: Mapping[str, Gain]) -> None:
     free = [abs(ratio) for joint, ratio in ratios.items() if not stated[joint]]
     in_newton = any(map(_is_near, free))
     in_millimetres = bool(free) and not in_newton and all(_is_near(1e3 * ratio) for ratio in free)
+    for joint in gains.keys() - ratios.keys() if in_millimetres else ():
+        if not stated[joint] and belief.kinds[joint] == "hinge":
+            torques[joint].unit = "N mm"
+            torques[joint].why.append("N mm since others are")
     for joint, ratio in ratios.items():
         x, times = torques[joint], f"± {gains[joint].deviation * abs(ratio):.1g}"
         x.gain = float(np.sign(ratio))

@@ -3,13 +3,13 @@
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from math import perm
 from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, Belief, ColumnGroup, TableEntry
+from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import (
     check_positions,
     check_wrenches_and_torques,
@@ -87,6 +87,7 @@ def believed(
     if belief.complete and mechanism.prior is not None:
         check_wrenches_and_torques(belief, limit)
     add_commands(belief)
+    _note_currents(belief)
     asked = belief.undecided or belief.torques_undecided or log.markers
     if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
@@ -125,6 +126,21 @@ def _complete(belief: Belief) -> None:
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not belief.log.markers:
         listed, fixed = ", ".join(map(repr, absent)), " ".join(f"--fix {shlex.quote(joint)}" for joint in absent)
         belief.ask(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
+
+
+def _note_currents(belief: Belief) -> None:
+    """Notes which currents are not used as torques, and what is to state for them."""
+    torques = [x for x in belief.quantities.values() if x.kind == "torque"]
+    unused = [x.column for x in torques if x.is_current and x.sure == DOUBTFUL]
+    if not belief.of("torque"):
+        free = {name: words(name) for name in belief.free if name in belief.log.columns}
+        unused += [name for name, own in free.items() if own.kind == "current" and own.numbers and own.measured]
+    if unused:
+        entry = f'torque = {{ column = "{unused[0]}", unit = "{words(unused[0]).unit or "A"}", gain = GAIN }}'
+        belief.notes.append(
+            f"Not used, as the gain of a current is not known here: {_listed(unused)}. State {entry} for each joint, "
+            "with its motor's constant times the gear ratio in N m/A from the data sheet."
+        )
 
 
 @dataclass(frozen=True)
@@ -229,6 +245,24 @@ class OrderSearch:
                 judged.append(replace(order, left=1 - float(best.mean()) if best.size else 1.0))
             # Among columns without names, the best-fitting ones were measured.
             yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
+
+    def swapped(self, positions: Family, torques: Family) -> list[Order]:
+        """The order of positions and torques of the joints that two swapped joints make no better, and all these."""
+
+        def judged(joints: Sequence[str], label: str) -> Order:
+            order, own = Order(label, dict(zip(joints, positions.names, strict=True)), positions), torques.names
+            return next(self.judged(order, [dict(zip(joints, own, strict=True))], own))
+
+        best, joints = judged(self.joints, MODEL), [*self.joints]
+        while True:
+            ways = list[Order]()
+            for i, k in combinations(range(len(joints)), 2):
+                other = [joints[{i: k, k: i}.get(j, j)] for j in range(len(joints))]
+                ways.append(judged(other, ANY))
+            better = min(ways, key=lambda order: order.left)
+            if better.left >= best.left:
+                return [best, *ways]
+            best, joints = better, [*better.positions]
 
     def _scales(self, order: Order) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
@@ -337,9 +371,24 @@ def add_any(belief: Belief) -> None:
         search = OrderSearch(ComparedModel.of(belief, names), lacking)
         orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
         search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
+    elif alike := _alike(belief, len(lacking)):
+        search = OrderSearch(ComparedModel.of(belief, alike[0].names), lacking)
+        search.add_best(search.swapped(*alike))
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
-        belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
+        belief.ask(f"The positions of {_listed(lacking)} may be {several}.", lacking)
+
+
+def _alike(belief: Belief, number: int) -> tuple[Family, Family] | None:
+    """Positions and torques by the words of their names, if there are as many of each as joints; else None."""
+    kinds: dict[str, list[str]] = {}
+    for name in (name for name in belief.free if name in belief.log.columns and words(name).measured):
+        kinds.setdefault(words(name).kind, []).append(name)
+    both = [kinds.get("position", []), kinds.get("torque") or kinds.get("current", [])]
+    if any(len(names) != number for names in both):
+        return None
+    positions, torques = (Family.of("", enumerate(names)) for names in both)
+    return positions, torques
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -68,11 +68,13 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     if rate and not named:
         return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
+    counters = [name for name, dx in growing.items() if (dx == 1).all()]
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
-    candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
+    candidates = named or [name for name in steady or growing if name not in counters]
     if not candidates:
         meant = next((name for name in table.cells if _is_named_time(name)), None)
         why = f", of {listed(columns)}" if meant is None else f": {_fault_of_times(table, meant, columns, unread)}"
+        why = f": '{counters[0]}' counts samples" if counters and meant is None else why
         raise LogError(
             f"no column of it grows as times do{why}; a log needs one, or --rate HZ; still poses need none where the "
             "columns file has poses = true."
@@ -282,7 +284,7 @@ def _layout(path: Path, limit: int) -> Layout:
             if row is None:
                 break
             cells = [str(cell[0]) for cell in row.cells.values()]
-            layout = Layout(not all(is_number(cell) for cell in cells if cell), skip)
+            layout = Layout(not any(map(is_number, cells)), skip)
             table = next(read_tables(path, 50, limit=limit, layout=layout), None)
             if table and len(_numbers(table)[0]) > 1:
                 return layout

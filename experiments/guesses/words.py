@@ -154,6 +154,8 @@ def without_unit(name: str) -> tuple[str, str, str]:
         spelling, seconds, power = re.sub(r"\s", "", match[1].lower()).partition("/s")
         if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
             return name[: match.start()] + name[match.end() :], unit, seconds + power
+    if re.search(r"(?i:.(?:current|strom)s?[\W_\d]*)[\W_]A$", name):
+        return name[:-1], "A", ""
     for match in reversed(list(UNIT.finditer(name))):
         spelling = match[1].lower()
         if match.start() or spelling in ANGLES:

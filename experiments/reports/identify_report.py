@@ -182,7 +182,7 @@ def document(
         verdict=str(result.verdict()),
         pictures=[*page.first_screen(result)],
         findings=[*map(Card.of, result.findings)],
-        lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
+        lines=[*data_lines(result), *not_held(updated, result), *following_lines(following)],
         heading="The recording",
         folded={"Bodies by number": [", ".join(f"{k} is {name}" for k, name in enumerate(bodies, 1))]},
         tables={
@@ -260,7 +260,7 @@ def updated_file(mechanism: Mechanism) -> str | None:
     return "model.urdf" if file and parsed(Path(file)).tag == "robot" else "model.xml"
 
 
-def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
+def not_held(updated: str | None, result: Estimate) -> list[str]:
     """Line on the fitted drives that the updated model's format cannot hold."""
     if not updated:
         return []

@@ -204,6 +204,8 @@ def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence
     channels = mechanism.tree.freedoms
     # Motions are not designed for drives of joints that loops move.
     names = tuple(name for name in names if column_place(name)[1] in channels)
+    if not names:
+        return ()
     equations = Equations(mechanism, parameters, torques=felt, channels=channels, drives=names)
     motion = random_motion(mechanism)
     return separable(equations, Samples(motion, np.zeros((len(motion), len(channels))))).drives

@@ -215,7 +215,7 @@ def channel_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Fi
     for ax, label in zip(axes, labels, strict=False):
         label_above(ax, label)
     for ax in axes[len(labels) :]:
-        ax.set_axis_off()
+        ax.remove()
     for ax in (*axes[rows - 1 : len(labels) : rows], axes[len(labels) - 1]):
         ax.set_xlabel(xlabel, labelpad=2)
         ax.tick_params(labelbottom=True)

@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
 from ident.arguments import checked_deviations, rpy_text
-from ident.errors import ExcitationError, InputError, LogError
+from ident.errors import ExcitationError, InputError, LogError, about
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared, at_rest, mounted, prepared
 from ident.files.table import BASE
 from ident.geometry.inertia import parameter_transform, parameters_from_com
@@ -272,6 +273,9 @@ def identify_payload(
             "A payload is rigid, but there are joints beyond the sensor; hold them where they stand "
             f"({' '.join(f'--fix {joint}' for joint in part.tree.joints)})."
         )
+    for number, each in enumerate(recordings, start=1):
+        with about(f"Recording {number}"):
+            check_wrench(each, sensor, body)
     places, recordings, more = zip(*(on_payload(robot, part, each, body, sensor) for each in recordings), strict=True)
     notes = [note for note in dict.fromkeys(more) if note]
     if len({each.still for each in recordings}) > 1:
@@ -314,16 +318,31 @@ def beyond(robot: Mechanism, recordings: Sequence[Recording], body: str) -> Mech
     return robot
 
 
-def on_payload(
-    robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
-) -> tuple[np.ndarray, Recording, str]:
-    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and a note, if any."""
+def check_wrench(recording: Recording, sensor: str, body: str) -> None:
+    """Refuses a recording without the whole wrench of a sensor on a body.
+
+    Raises:
+        LogError: The wrench or some of its components are missing, or never change.
+    """
     if sensor not in recording.wrenches:
         known = ", ".join(f"'{name}'" for name in recording.wrenches) or "none"
         raise LogError(
             f"The log needs the wrench '{sensor}', its wrenches are {known}: say in the columns file under "
             f'[wrenches.{sensor}] which columns hold its force and torque, and body = "{body}".'
         )
+    values = np.hstack([recording[f"{sensor}_{kind}"] for kind in ("force", "torque")])
+    changing = (np.nan_to_num(values) != np.nan_to_num(values[0])).any(axis=0)
+    if lacking := [name for name, changes in zip(COMPONENTS, changing, strict=True) if not changes]:
+        raise LogError(
+            f"A payload needs all six components of the wrench '{sensor}', none of them constant; missing or "
+            f"constant: {', '.join(lacking)}."
+        )
+
+
+def on_payload(
+    robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
+) -> tuple[np.ndarray, Recording, str]:
+    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and a note, if any."""
     stated = recording.sensors.get(sensor, Sensor())
     place = stated.pose
     if stated.body is not None:

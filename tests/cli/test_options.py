@@ -2,6 +2,7 @@
 
 import argparse
 import gc
+import json
 import os
 import shlex
 import signal
@@ -294,3 +295,34 @@ def test_threads_share_pieces_of_recordings_for_which_processes_do_not_pay(monke
         log = SimpleNamespace(samples=SimpleNamespace(motion=SimpleNamespace(q=np.zeros((work, 1)))))
         with identify._workers(argparse.Namespace(workers=workers, estimator="trajectory"), [log]) as executor:
             assert type(executor) is kind, (work, workers, threads)
+
+
+def test_results_of_another_question_are_kept_or_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for file in ("arm.xml", "a.csv", "b.csv", "day2/a.csv", "copy/a.csv"):
+        Path(file).parent.mkdir(exist_ok=True)
+        Path(file).write_text(file.replace("copy/", ""))
+
+    def folder(*arguments):
+        args = identify.parser().parse_args(["arm.xml", *arguments])
+        out = options.folder(args)
+        out.mkdir(parents=True, exist_ok=True)
+        return args, out
+
+    names = [folder(*words.split())[1].name for words in ("a.csv", "a.csv b.csv", "a.csv --estimator ordinary")]
+    assert names == ["arm-a", "arm-a+b", "arm-a-ordinary"]
+    assert folder(*(f"{k}.csv" for k in range(5)))[1].name == "arm-0+4"
+    args, out = folder("a.csv")
+    files = [options.file_entry(Path(file)) for file in ("arm.xml", "a.csv")]
+    (out / "provenance.json").write_text(json.dumps({"options": options.as_text(args), "recording": files}))
+    Path("a.csv").write_text("mended")
+    assert options.of_replaced(*folder("a.csv", "--formats", "none", "--verbose")) == ""
+    replaced = options.of_replaced(*folder("a.csv", "--prior", "on", "--holdout", "0"))
+    assert "of other options (--holdout, --prior)" in replaced
+    with pytest.raises(InputError, match=r"results of other files than 'day2/a\.csv': --name NAME"):
+        folder("day2/a.csv")
+    assert folder("day2/a.csv", "--name", "arm-a")[1] == out
+    Path("a.csv").write_text("a.csv")
+    assert folder("copy/a.csv")[1] == out, "the same log at another place"
+    (out / "provenance.json").write_text("[]")
+    assert folder("day2/a.csv")[1] == out, "no results of identify"

@@ -13,8 +13,8 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.document import figures, pictures
-from experiments.reports.identify_page import held_out_caption, held_out_figure, parameters_figure
-from ident.display.plots import few_decades
+from experiments.reports.identify_page import SHEET, held_out_caption, held_out_figure, parameters_figure
+from ident.display.plots import few_decades, spectra_figure
 
 
 def drawing(extension, x, y):
@@ -41,6 +41,14 @@ def test_logarithmic_axes_have_ticks_without_numbers_between_decades():
     assert len(ax.get_yticks(minor=True)) > 10 and not any(label.get_text() for label in ax.get_yticklabels(minor=True))
     assert {"0.1", "1"} <= {label.get_text() for label in ax.get_yticklabels()}
     assert "$10^{-6}$" in {label.get_text() for label in ax.get_xticklabels()}
+
+
+def test_a_place_without_a_panel_has_no_ticks():
+    noise = np.random.default_rng(0).normal(size=(2, 100, 3))
+    with figures.paper_style():
+        figure = spectra_figure(SHEET, ["a", "b", "c"], 100.0, tuple(noise))
+    figures.drawn(figure, "png")
+    assert len(figure.axes) == 3 and figure.axes[0].get_xlim() == pytest.approx((1, 50))
 
 
 def test_minor_ticks_are_drawn_as_matplotlib_draws_them(monkeypatch):

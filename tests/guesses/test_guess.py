@@ -111,6 +111,8 @@ def test_names_say_quantity_unit_and_whose():
         ("kneeAngle_L", "position", "", ("knee", "left")),
         ("tau_j03_Nmm", "torque", "N mm", ("3",)),
         ("motor_current_2 [mA]", "current", "mA", ("motor", "2")),
+        ("joint1_current_A", "current", "A", ("1",)),
+        ("current_A", "current", "", ("a",)),
         ("hip_flexion_r_moment", "torque", "", ("hip", "flexion", "right")),
         ("q1rad", "position", "rad", ("1",)),
         ("position_rad_1", "position", "rad", ("1",)),

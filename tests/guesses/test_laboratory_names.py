@@ -86,6 +86,84 @@ def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, 
     assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
 
 
+@pytest.mark.parametrize(("reversed_", "factor"), [("lift", 1.0), ("elbow", DEG)])
+def test_a_reversed_encoder_does_not_change_the_unit(tmp_path, reversed_, factor):
+    """Of small motions, which a model whose angles are far too small explains better than one of opposite sign."""
+    rng = np.random.default_rng(3)
+    q, *rates = sines(TIME, rng.uniform(0.05, 0.15, (3, 4)), np.array([0.9, 1.7, 2.9, 4.1]), rng.uniform(0, 6, (3, 4)))
+    exact = predicted_channels(ARM, Motion(q, *rates), np.eye(4))
+    wrench = np.stack([exact[c] for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")], axis=1)
+    plate = dict(zip(WRENCH, (wrench + 0.02 * rng.normal(size=wrench.shape)).T, strict=True))
+    signs = np.where(np.array(JOINTS) == reversed_, -factor, factor)
+    belief = belief_of(tmp_path, columns_of("{n}_position", signs * q) | plate, ARM)
+    positions = belief.of("position")
+    assert {x.unit for x in positions.values()} == {"deg" if factor > 1 else "rad"}
+    assert [joint for joint, x in positions.items() if x.gain < 0] == [reversed_]
+    assert "turned, since the model explains" in positions[reversed_].why[-1]
+
+
+@pytest.mark.parametrize("order", [range(7), (0, 3, 6, 4, 1, 2, 5)])
+def test_joints_with_names_of_their_own_are_found_whatever_their_order(tmp_path, order):
+    robot, own = seven(), ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange")
+    columns = {"time": robot.time} | {f"{own[k]} angle [deg]": DEG * robot.q[:, k] for k in order}
+    belief = belief_of(tmp_path, columns | {f"{own[k]} torque [Nm]": robot.tau[:, k] for k in order}, robot.mechanism)
+    assert belief.open == [] and belief.complete
+    for kind, quantity in (("position", "angle [deg]"), ("torque", "torque [Nm]")):
+        assert mapped(belief, kind) == {joint: f"{n} {quantity}" for joint, n in zip(robot.joints, own, strict=True)}
+
+
+@pytest.mark.parametrize("joint", ["lift", "elbow"])
+def test_a_joint_and_its_torque_of_opposite_sign_are_turned(tmp_path, joint):
+    """Beside rotors another joint's sign explains half of the rest as well; no axes of a wrench are in doubt."""
+    acceleration = np.gradient(np.gradient(Q, axis=0), axis=0) / 0.01**2
+    tau = TAU + acceleration + 0.5 * np.sign(np.gradient(Q, axis=0))
+    signs = np.where(np.array(JOINTS) == joint, -1, 1)
+    columns = columns_of("{n}_position", signs * Q) | columns_of("{n}_torque", signs * tau)
+    belief = belief_of(tmp_path, columns, ARM)
+    for kind in ("position", "torque"):
+        assert [x.gain for x in belief.of(kind).values()] == signs.tolist()
+    assert belief.open == []
+
+
+def test_torques_are_in_the_unit_of_the_others(tmp_path):
+    """Also one that friction hides from the model."""
+    rubs = 1e3 * (TAU + [8, 0, 0] * np.sign(np.gradient(Q, axis=0)))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", rubs), ARM)
+    assert {x.unit for x in belief.of("torque").values()} == {"N mm"}
+
+
+def test_rows_of_words_and_numbers_have_no_header(tmp_path):
+    """As those of ros2 topic echo --csv: stamp, frame, names, positions and efforts."""
+    robot, columns = seven(), [str(k + 1) for k in range(24)]
+    stamps = [f"{1700000000 + int(t)},{round(t % 1 * 1e9)},,{','.join(robot.joints)}" for t in robot.time]
+    numbers = np.hstack([robot.q, robot.tau]).tolist()
+    rows = [",".join([stamp, *map(repr, row)]) for stamp, row in zip(stamps, numbers, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    belief = believed(robot.mechanism, [tmp_path / "log.csv"], rate=50.0)
+    for kind, first in (("position", 10), ("torque", 17)):
+        assert mapped(belief, kind) == dict(zip(robot.joints, columns[first : first + 7], strict=True)), belief.open
+    read = read_as_guessed(tmp_path, belief, robot.mechanism)
+    np.testing.assert_allclose(read.of_joints(robot.joints, "position"), robot.q, atol=1e-9)
+
+
+def test_a_counter_of_samples_is_no_time(tmp_path):
+    columns = {"Frame": np.arange(900)} | columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU)
+    (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
+    with pytest.raises(ident.LogError, match=r"'Frame' counts samples; a log needs one, or --rate HZ"):
+        believed(ARM, [tmp_path / "log.csv"])
+    assert believed(ARM, [tmp_path / "log.csv"], rate=100.0).complete
+
+
+@pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
+def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
+    rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of(current, rubs), ARM)
+    first, *_, last = columns_of(current, Q)
+    entry = f'torque = {{ column = "{first}", unit = "{unit}", gain = GAIN }}'
+    assert mapped(belief, "torque") == {}
+    assert any(f"not known here: {first} to {last}. State {entry}" in note for note in belief.notes)
+
+
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
     columns = columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates)

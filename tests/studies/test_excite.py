@@ -255,9 +255,9 @@ def test_collisions_of_dependent_bodies_count():
 
 
 def test_a_designed_motion_has_no_columns_of_the_hinges_in_place_of_a_ball(monkeypatch):
-    # It needs neither parameters nor drives, whose search takes seconds.
+    # It needs no parameters, whose search takes seconds, and without drives no motion that separates them.
     monkeypatch.setattr(excitation_problem, "find_base_parameters", lambda *_, **__: None)
-    monkeypatch.setattr(excitation_problem, "determined", lambda *_: ())
+    monkeypatch.setattr(excitation_problem, "random_motion", None)
     design = excitation_problem.problem(read(ROD_ON_BALLS), ["hip", "knee", "crank"], sensors="torque")
     motion = Motion(*np.zeros((3, 5, 3)))
     columns = designed_excitation.recording(design, np.arange(5.0), motion, {}).measured

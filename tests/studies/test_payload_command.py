@@ -92,3 +92,13 @@ def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsy
     monkeypatch.setattr(beyond_sensor, "identify_payload", None)
     for flange, sentence in {"tcp": "body or site, got 'tcp'; bodies and", "link5": "is on 'link5', which"}.items():
         assert sentence in refusal(payload.main, [*files, "--flange", flange], capsys)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "lacking"), [('torque = ["tx", "ty", "tz"]\n', "", "Mx, My, Mz"), ('"ty"', '""', "My")]
+)
+def test_a_log_without_the_whole_wrench_is_named_with_what_it_lacks(files, tmp_path, old, new, lacking, capsys):
+    (tmp_path / "columns.toml").write_text(COLUMNS.replace(old, new), encoding="utf-8")
+    error = refusal(payload.main, files, capsys)
+    assert f"error: {files[1]}: A payload needs all six components of the wrench 'wrist'" in error
+    assert error.endswith(f"missing or constant: {lacking}.\n")

@@ -50,7 +50,7 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
     colours, scatters, tails = noise_colours(fit, responses), [], _Tails()
     repeated = [_Repeated(each, fit) for each in repetitions(measurement, fit)]
     of_log = {log: each for each in repeated for log in each.motion.starts}
-    chosen = list(range(len(fit.pieces)) if every else responses)
+    chosen, last = list(range(len(fit.pieces)) if every else responses), {x.log: k for k, x in enumerate(fit.pieces)}
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
@@ -76,6 +76,8 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
                         again.add(signal, fit.pieces[k].log, stream.time, own, pulls[:, at])
                 across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
+        if every and k == last[fit.pieces[k].log]:
+            again.end(fit.pieces[k].log, colours)
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
@@ -105,6 +107,7 @@ class _Repeated:
         self._steps = [max(max(np.median(np.diff(x)), np.ptp(x) / len(x) / 2) for x in own) for own in times]
         self._first = pieces[0].time[0] + motion.starts[pieces[0].log]
         self._columns, self._sums = len(fit.theta), defaultdict[tuple[int, int, int], dict[int, np.ndarray]](dict)
+        self._within = defaultdict[int, np.ndarray](partial(np.zeros, (self._columns, self._columns)))
 
     def add(
         self, signal: tuple[int, int, int], log: int, time: np.ndarray, columns: np.ndarray, rows: np.ndarray
@@ -116,7 +119,7 @@ class _Repeated:
         step, start, sums = self._steps[signal[0] > 0], time[0] + self.motion.starts[log], self._sums[signal]
         within, across = self.motion.correlation[:, signal[2]]
         # Long recordings without a period, all of which are alike, take one sum.
-        log = log if within > across else 0
+        log = log if within > across else ALL
         if log not in sums:
             # Of recordings at several rates the slowest may be slower than the motion.
             sums[log] = np.zeros((max(round(self.motion.lag / step), 1), self._columns))
@@ -125,18 +128,31 @@ class _Repeated:
         phases = (places % (self.motion.lag / step) + 0.500001).astype(int)
         np.add.at(sums[log], (phases[:, None] % len(sums[log]), columns), rows)
 
+    def end(self, log: int, colours: NoiseColours) -> None:
+        """Ends a recording, of which no more rows come: its sums, which are large, go into those of all."""
+        for signal, sums in self._sums.items():
+            if log in sums:
+                within, across = self.motion.correlation[:, signal[2]]
+                self._within[log] += self._scatter(signal, within - across, sums[log], colours)
+                own = sums.pop(log)
+                sums[ALL] = np.add(sums[ALL], own, out=sums[ALL]) if ALL in sums else own
+
     def scatters(self, colours: NoiseColours) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """Covariance of the right side of θ due to what repeats in all recordings, and in each alone (p, p)."""
-        out = defaultdict[int, np.ndarray](partial(np.zeros, (self._columns, self._columns)))
-        for (which, s, at), sums in self._sums.items():
-            within, across = self.motion.correlation[:, at]
-            each = [(log, within - across, own) for log, own in sums.items()]
-            for log, size, own in [*each, (ALL, across, sum(sums.values(), start=np.zeros(self._columns)))]:
-                if size:
-                    around, step = self.motion.period < np.inf, self._steps[which > 0]
-                    products = size * own.T @ _half(own, colours, which, s, step, _Tails(), around=around)
-                    out[log] += products + products.T
-        return out.pop(ALL, np.zeros((self._columns, self._columns))), out
+        total = np.zeros((self._columns, self._columns))
+        for signal, sums in self._sums.items():
+            if across := self.motion.correlation[1, signal[2]]:
+                total += self._scatter(signal, across, sums[ALL], colours)
+        return total, self._within
+
+    def _scatter(
+        self, signal: tuple[int, int, int], size: float, sums: np.ndarray, colours: NoiseColours
+    ) -> np.ndarray:
+        """Covariance due to the sums (n, p) of rows by a signal, whose noise repeats with a correlation (p, p)."""
+        which, s, _ = signal
+        around, step = self.motion.period < np.inf, self._steps[which > 0]
+        products = size * sums.T @ _half(sums, colours, which, s, step, _Tails(), around=around)
+        return np.asarray(products + products.T)
 
 
 def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
