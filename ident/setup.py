@@ -132,6 +132,17 @@ SETUP: Mapping[str, SetupKind] = {
         shift=_acting_later,
         own=True,
     ),
+    "torque_delay": SetupKind(
+        std=0.01,
+        unit=TIME,
+        of="torque_clocks",
+        sentence="The joint torques are {size} {sign}",
+        signs=("late", "early"),
+        short="a delay of the joint torques",
+        label="delay of the joint torques",
+        shift=_later,
+        own=True,
+    ),
     "clock": SetupKind(
         std=0.003,
         unit=SHARE,

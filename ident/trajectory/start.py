@@ -70,7 +70,10 @@ def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 COORDINATES = cast(
-    Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, pose_shifts={}, tracked={}, dependence=_none)
+    Measurement,
+    SimpleNamespace(
+        names=(), dependence=_none, **dict.fromkeys(("zeros", "shifts", "torque_shifts", "pose_shifts", "tracked"), {})
+    ),
 )
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
