@@ -132,17 +132,6 @@ SETUP: Mapping[str, SetupKind] = {
         shift=_acting_later,
         own=True,
     ),
-    "torque_delay": SetupKind(
-        std=0.01,
-        unit=TIME,
-        of="torque_clocks",
-        sentence="The joint torques are {size} {sign}",
-        signs=("late", "early"),
-        short="a delay of the joint torques",
-        label="delay of the joint torques",
-        shift=_later,
-        own=True,
-    ),
     "clock": SetupKind(
         std=0.003,
         unit=SHARE,
@@ -234,6 +223,17 @@ SETUP: Mapping[str, SetupKind] = {
         "At the model's place they act alike at rest without contacts beyond the joint, with one more first moment of "
         "the body that carries it: this shift times the mass beyond. In motion none do; centre = 0 under [setup] fits "
         "best.",
+    ),
+    "torque_delay": SetupKind(
+        std=0.01,
+        unit=TIME,
+        of="torque_clocks",
+        sentence="The joint torques are {size} {sign}",
+        signs=("late", "early"),
+        short="a delay of the joint torques",
+        label="delay of the joint torques",
+        shift=_later,
+        own=True,
     ),
     "tracker_delay": SetupKind(
         std=0.05,
