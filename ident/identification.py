@@ -153,7 +153,7 @@ def identify(
             and predicts each from the rest.
         held_out: Other recordings to judge by, as for `recording`; then all others are fitted whole.
         own: Parameters that each recording has separately in the trajectory estimate: `offset`, `friction`,
-            `delay`, `lag`, `tracker_delay`.
+            `delay`, `lag`, `torque_delay`, `tracker_delay`.
         setup: Standard deviations of set-up errors in the trajectory estimate by their kinds, in SI units and radians,
             as `{"delay": 0.01, "gain": 0.0}`, of joints' centres by joint, too, as `{"centre": {"knee": 0.02}}`; zero
             for what is exactly as stated. By default those of the recording, else `ident.setup.PRIORS`. Of `scale`,
@@ -231,8 +231,12 @@ def identified(
             f"A log states a load on '{carried[0]}', under [load] in its columns file: `payload` (in Python "
             "`identify_load`) identifies it beside logs without it."
         )
-    for kind, has, what in (("lag", "servos", "commands"), ("tracker_delay", "trackers", "tracked bodies")):
-        if kind in own and not any(getattr(log.recording, has) for log in logs):
+    for kind, has, what in (
+        ("lag", any(log.recording.servos for log in logs), "commands"),
+        ("torque_delay", any(log.equations.torques for log in logs), "joint torques"),
+        ("tracker_delay", any(log.recording.trackers for log in logs), "tracked bodies"),
+    ):
+        if kind in own and not has:
             raise InputError(f"own has {kind}, but no recording has {what}; leave it out.")
     if "offset" in own and not offsets:
         raise InputError("own has offset, but no offsets are fitted (offsets, --no-offsets); leave one of them out.")

@@ -224,6 +224,17 @@ SETUP: Mapping[str, SetupKind] = {
         "the body that carries it: this shift times the mass beyond. In motion none do; centre = 0 under [setup] fits "
         "best.",
     ),
+    "torque_delay": SetupKind(
+        std=0.01,
+        unit=TIME,
+        of="torque_clocks",
+        sentence="The joint torques are {size} {sign}",
+        signs=("late", "early"),
+        short="a delay of the joint torques",
+        label="delay of the joint torques",
+        shift=_later,
+        own=True,
+    ),
     "tracker_delay": SetupKind(
         std=0.05,
         unit=TIME,

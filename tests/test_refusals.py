@@ -330,7 +330,7 @@ WRONG_ARGUMENTS = [
     *(({"holdout": x}, "^holdout needs a fraction") for x in (-0.1, 1, NAN, "0.4", True)),
     ({"drive": ["coulomb", "stiction"]}, "^drive needs a list out of rotor, .*; got stiction"),
     *(({"drive": x}, f"^drive needs a list out of rotor, .*; got {x}") for x in ("coulomb", 1)),
-    ({"own": None}, "^own needs a list out of offset, .*, delay, lag, tracker_delay; got None"),
+    ({"own": None}, "^own needs a list out of offset, .*, delay, lag, torque_delay, tracker_delay; got None"),
     ({"held_out": None}, f"^held_out {OF_RECORDING} None"),
     ({"held_out": ["run.csv"]}, r"^run\.csv: there is no such file"),
     ({"recording": 3}, f"^recording {OF_RECORDING} 3"),

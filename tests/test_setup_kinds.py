@@ -101,5 +101,15 @@ def test_links_of_both_sides_are_longer_alike(left):
 
 def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
-    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", "tracker_delay", *angles]
+    assert list(DEVIATIONS) == [
+        "delay",
+        "lag",
+        "clock",
+        "origin",
+        "gain",
+        "centre",
+        "torque_delay",
+        "tracker_delay",
+        *angles,
+    ]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)

@@ -1,6 +1,6 @@
 """Set-up parameters of the channels of a recording: the kinds of `ident.setup`, for every object that has them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from types import MappingProxyType
@@ -153,6 +153,7 @@ def objects(
     return {
         "clocks": [_parameter(TOGETHER.join(together), wrenches=together)] if together else [],
         "commands": [_parameter("")] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
+        TORQUE_CLOCKS: [_parameter("")] if equations.torques and not commanded and (held or not wrench) else [],
         "frames": [_parameter(name, k, wrenches=(name,)) for name in (*ground, *contacts) for k in range(3)]
         + [_parameter(name, k, UNKNOWN, constant=True) for name in unknown for k in range(3)],
         "channels": [_parameter(name, channels=(name,)) for name in channels if name not in (*commanded, *scales)]
@@ -177,8 +178,8 @@ ALONG = 0.97
 """Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
 link."""
 
-CLOCKS = "tracker_clocks"
-"""Objects of a delay of poses, which any motion shows."""
+CLOCKS, TORQUE_CLOCKS = "tracker_clocks", "torque_clocks"
+"""Objects of a delay of poses, which any motion shows, and of a delay of joint torques."""
 
 UNKNOWN = 1.0
 """Standard deviation of an unknown frame from where it was aligned, m and rad: far more than the alignment is wrong."""
@@ -286,16 +287,26 @@ class ChannelParameters:
 
     @cached_property
     def shifts(self) -> dict[int, Shift]:
-        """Shifts of the true times of all channels but poses, by index in θ, the rates of clocks before the delays."""
-        return self._shifts(of_poses=False)
+        """Shifts of the true times of a wrench, or of torques without one, by index in θ, rates of clocks first."""
+        others = {CLOCKS, TORQUE_CLOCKS} if self._beside_wrench else {CLOCKS}
+        return self._shifts({row.of for row in SETUP.values()} - others)
+
+    @cached_property
+    def torque_shifts(self) -> dict[int, Shift]:
+        """Shifts of the true times of torques beside a wrench by index in θ."""
+        return self._shifts({TORQUE_CLOCKS}) if self._beside_wrench else {}
 
     @cached_property
     def pose_shifts(self) -> dict[int, Shift]:
         """Shifts of the true times of poses by index in θ."""
-        return self._shifts(of_poses=True)
+        return self._shifts({CLOCKS})
 
-    def _shifts(self, *, of_poses: bool) -> dict[int, Shift]:
-        own = ((at, each.row) for at, each in reversed(self.setup_at.items()) if (each.row.of == CLOCKS) == of_poses)
+    @property
+    def _beside_wrench(self) -> bool:
+        return len(self.equations.channels) > len(self.equations.torques)
+
+    def _shifts(self, groups: Collection[str]) -> dict[int, Shift]:
+        own = ((at, each.row) for at, each in reversed(self.setup_at.items()) if each.row.of in groups)
         return {at: row.shift for at, row in own if row.shift is not None}
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:

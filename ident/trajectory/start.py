@@ -69,9 +69,8 @@ def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
 
 
-COORDINATES = cast(
-    Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, pose_shifts={}, tracked={}, dependence=_none)
-)
+NONE_OF = "zeros", "shifts", "torque_shifts", "pose_shifts", "tracked"
+COORDINATES = cast(Measurement, SimpleNamespace(names=(), dependence=_none, **{name: {} for name in NONE_OF}))
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
 

@@ -121,6 +121,7 @@ EXAMPLES = {
     "setup_origin": [ABOUT_X],
     "setup_rotation": [ABOUT_X],
     "setup_gain": [LATE | {"of": "plate Fx"}],
+    "setup_torque_delay": [LATE | {"of": ""}],
     "setup_tracker_delay": [LATE | {"of": ""}],
     "setup_gravity": [ABOUT_X | {"of": ""}],
     "setup_scale": [JOINT | {"alternatives": ()}],

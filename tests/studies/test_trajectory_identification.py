@@ -108,8 +108,13 @@ def test_logs_have_the_same_channels_and_own_what_logs_can_have():
     planar = replace(recording, measured={**recording.measured, "ground_force": force})
     for logs, options, message in (
         ([recording, planar], {}, "A log to fit besides the first needs the channels Fx, Fy, Fz"),
-        ([recording, recording], {"own": ["clock"]}, "own needs a list out of .*, lag, tracker_delay; got clock"),
+        (
+            [recording, recording],
+            {"own": ["clock"]},
+            "own needs a list out of .*, torque_delay, tracker_delay; got clock",
+        ),
         (recording, {"own": ["tracker_delay"]}, "own has tracker_delay, but no recording has tracked bodies; leave"),
+        (recording, {"own": ["torque_delay"]}, "own has torque_delay, but no recording has joint torques; leave"),
         (recording, {"own": ["offset", "lag"]}, "own has lag, but no recording has commands; leave it out"),
         (recording, {"own": ["offset"], "offsets": False}, "own has offset, but no offsets are fitted"),
         (recording, {"estimator": "ordinary", "own": ["delay"]}, "Only the trajectory estimate"),

@@ -1,6 +1,7 @@
 """Clocks of plates and wrenches beside those of angles: delays, rates and jumps."""
 
 from dataclasses import replace
+from importlib.resources import files
 from types import SimpleNamespace
 
 import lifting
@@ -12,6 +13,8 @@ from mechanisms import by_joint
 from recorded_faults import PENDULUM, faulty
 
 import ident
+import scenes
+import sim
 from docs.tools.noise import Case
 from docs.tools.noise_conditions import CONDITIONS
 from ident.estimation.measurement import Measurement
@@ -19,6 +22,7 @@ from ident.estimation.preparation import Part, prepared
 from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.finding import setup_findings
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.recordings.times import Sampled
 from ident.setup import PRIORS
 from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit.fitted import Prior
@@ -153,3 +157,22 @@ def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
     assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
     assert finding.std < 0.002
     assert 0.5 < np.sqrt(np.mean(z_of(result.fit, ready, person) ** 2)) < 1.5
+
+
+@pytest.mark.parametrize("beside_wrench", [True, False])
+def test_torques_that_are_late_against_the_angles_are_found(beside_wrench):
+    arm = sim.mechanism(scenes.load("arm"), base="base")
+    recording = ident.read_log(str(files(scenes) / "arm.csv"), arm)
+    measured = {name: x for name, x in recording.measured.items() if beside_wrench or not name.startswith("ground")}
+    torques = [f"{joint}_torque" for joint in arm.joints]
+    streams = {name: Sampled(recording.time + 0.012, recording[name]) for name in torques}
+    on_time, late = (
+        ident.identify(arm, ident.Recording(recording.time, measured, streams=own)) for own in ({}, streams)
+    )
+    assert "torque_delay" not in [each.name for each in on_time.setup]
+    (delay,) = (each for each in late.setup if each.name == "torque_delay")
+    assert abs(delay.value - 0.012) < 4 * delay.std and delay.std < 1e-3
+    drives = [name for name in late.names if name.startswith(("Fv", "Fc"))]
+    assert drives
+    for name in drives:
+        assert abs(late[name].value - on_time[name].value) < 3 * np.hypot(late[name].std_setup, on_time[name].std_setup)

@@ -196,7 +196,7 @@ def clocks(
     out, elapsed = list[ChannelClock](), piece.when - piece.origin
     for end, when, shifts in (
         (late, piece.acting, measurement.shifts),
-        (torques, piece.when, {}),
+        (torques, piece.when, measurement.torque_shifts),
         (number, piece.when, measurement.pose_shifts),
     ):
         first = out[-1].channels.stop if out else 0

@@ -225,7 +225,8 @@ def dependence(measurement: Measurement, theta: np.ndarray, columns: np.ndarray)
     of_states[~of_states.any(axis=1), :1] = True
     first_pose = len(of_theta) - WIDTH * len(measurement.tracked)
     moved = np.asarray(of_states.any(axis=1))
-    for own, shifts in ((slice(first_pose), measurement.shifts), (slice(first_pose, None), measurement.pose_shifts)):
+    of_channels = {**measurement.shifts, **measurement.torque_shifts}
+    for own, shifts in ((slice(first_pose), of_channels), (slice(first_pose, None), measurement.pose_shifts)):
         of_theta[own, np.isin(columns, [*shifts])] |= moved[own, None]
     return of_states, of_theta
 

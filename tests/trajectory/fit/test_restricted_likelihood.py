@@ -24,7 +24,7 @@ SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
 class OneChannel:
     """A measurement of one channel of one coordinate x, whose derivatives by ẍ and by θ are given."""
 
-    zeros = shifts = pose_shifts = tracked = {}  # noqa: RUF012
+    zeros = shifts = torque_shifts = pose_shifts = tracked = {}  # noqa: RUF012
     turning = np.zeros((1, 1), bool)
     equations = SimpleNamespace(channels=("x",))
 
