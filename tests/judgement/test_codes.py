@@ -187,8 +187,8 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
 
 
 def test_titles_of_friction_are_those_of_their_sentences():
-    assert title_of("breakaway_friction") == "Torques count less at low velocity"
-    assert title_of("low_velocity_friction") == "Friction is higher at low velocity"
+    assert title_of("breakaway_friction") == "Breakaway friction"
+    assert title_of("low_velocity_friction") == "Stribeck friction"
 
 
 def names(template):
