@@ -60,7 +60,7 @@ OPTIONS: options.Options = {
         "; ".join(f"{key}, {what}" for key, what in CRITERIA.items()),
         {"choices": CRITERIA, "default": "deviations"},
     ),
-    "--sensors": ("what the regressor explains", {"choices": SENSORS, "default": "wrench"}),
+    "--sensors": ("what is measured: the base wrench or joint torques", {"choices": SENSORS, "default": "wrench"}),
     "--noise": (
         "standard deviations of noise; the model's sensors', else {:g} and {:g}, if not given".format(*NOISE),
         {"nargs": 2, "type": POSITIVE, "metavar": ("N", "NM")},
@@ -70,9 +70,9 @@ OPTIONS: options.Options = {
         "random motions to begin from, and then half as many near the best",
         {"type": options.whole_number(1, 10_000), "default": 24},
     ),
-    "--iterations": ("at most, each start", {"type": options.whole_number(1, 100_000), "default": 100}),
+    "--iterations": ("largest number for each start", {"type": options.whole_number(1, 100_000), "default": 100}),
     "--seed": ("seed of the starts", {"type": options.whole_number(0), "default": 0}),
-    "--collisions": ("what to do about them", {"choices": ("avoid", "ignore"), "default": "avoid"}),
+    "--collisions": ("whether motions avoid them", {"choices": ("avoid", "ignore"), "default": "avoid"}),
     "--clearance": ("distance in m that counts as a collision", {"type": POSITIVE, "default": 0.005}),
     "--floor": (
         "height of a table or a floor in the world's frame, m, which no moving body may touch",

@@ -137,7 +137,7 @@ def _estimator(name: str) -> str:
 
 IDENTIFICATION: options.Options = {
     **options.MECHANISM,
-    "--held-out": ("another log to judge by, which is not fitted", options.FILES),
+    "--held-out": ("other logs to judge by, which are not fitted", options.FILES),
     **options.READING,
     "--cutoff": (
         "of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
@@ -145,22 +145,23 @@ IDENTIFICATION: options.Options = {
     ),
     "--holdout": ("fraction of the recording kept to judge by; 0 judges by all", options.HELD_BACK),
     "--estimator": (
-        "trajectory: motion, parameters, set-up and noise at once, from joint angles (default); weighted: least "
-        "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
+        "trajectory: motion, parameters, set-up and noise at once, from joint angles; weighted: least squares, "
+        "channels weighted by their residuals and outliers down; ordinary: the paper's least squares",
         {"type": _estimator, "choices": ("trajectory", "weighted", "ordinary"), "default": "trajectory"},
     ),
     "--gaps": ("samples may be missing, as empty cells or rows: for the trajectory estimate", options.FLAG),
     "--own": ("what each of several logs has for itself", {**options.NAMES, "choices": OWN}),
     "--prior": (
-        "whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor; "
-        "winter, deleva, dumas: bodies as these tables have them, for people",
+        "whether the model's bodies are a prior, with standard deviations; auto: where the motion does not separate "
+        "all parameters, or left-out pieces are predicted better; winter, deleva, dumas: bodies by these tables of "
+        "people",
         {"choices": PRIOR, "default": "auto"},
     ),
-    "--physical": ("fit physical bodies, as close to the model's as the logs let them be", options.FLAG),
-    "--write-geometry": ("write where joints lie into the updated model, too", options.FLAG),
-    "--mass": ("of a table: mass of the person, kg", {"type": options.POSITIVE}),
-    "--height": ("of a table: height of the person, m", {"type": options.POSITIVE}),
-    "--sex": ("of a table: whose columns", {"choices": ("female", "male")}),
+    "--physical": ("fit physical bodies, as close to the model's as the logs allow", options.FLAG),
+    "--write-geometry": ("write where joints were found to lie into the updated model, too", options.FLAG),
+    "--mass": ("mass of the person, kg, for a table of people", {"type": options.POSITIVE}),
+    "--height": ("height of the person, m, for a table of people", {"type": options.POSITIVE}),
+    "--sex": ("sex of the person, for a table of people", {"choices": ("female", "male")}),
     **options.drive("auto"),
     "--leave-out": (
         "channels that are neither fitted nor judged: Fx to Mz of the total wrench, joints for their torques; as "

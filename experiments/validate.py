@@ -2,7 +2,7 @@
 
 Each recording of the registry is identified unattended: parameters beside published ones, held-out residuals beside
 those of the model as it came and of least squares at the best of five cut-offs, agreement of halves and of trials.
-Recordings are not shipped; --data names a folder that holds them, or --fetch downloads those whose licence lets.
+Recordings are not shipped; --data names a folder that holds them, or --fetch downloads those whose licence allows it.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     entries = chosen(args.names, registry())
     if data is None and not args.fetch:
         raise InputError(
-            "The recordings are not shipped: --fetch downloads those whose licence lets, --data FOLDER (or "
+            "The recordings are not shipped: --fetch downloads those whose licence allows it, --data FOLDER (or "
             f"{VARIABLE}) names a folder that holds them."
         )
     if data is not None and not data.is_dir():

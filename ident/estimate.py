@@ -142,7 +142,7 @@ class Estimate(Evidence):
 
     @property
     def drives_updated(self) -> dict[str, Drive]:
-        """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
+        """Drives and servos of the updated model, the likeliest ones for its physical bodies, by name."""
         fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
         digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
         rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]

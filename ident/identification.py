@@ -132,9 +132,8 @@ def identify(
 
     Args:
         mechanism: The mechanism, with a prior, from `sim.mechanism`.
-        recording: Joint states and wrenches, torques or commands: a `Recording`, from `read_log` or `sim.simulate`, or
-            what `read_log` reads, which is the path of a log or columns in memory; or a list of such recordings, which
-            share their parameters. A note of the summary says of files and columns what was read.
+        recording: Joint states and wrenches, torques or commands: a `Recording`, the path of a log, or columns in
+            memory as for `read_log`; or a list of these, which share their parameters.
         columns: For logs: TOML file that maps their columns, or its content, as for `read_log`.
         estimator: `trajectory` for motion, parameters, set-up and noise at once, from joint angles; `weighted` for
             least squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
@@ -160,7 +159,7 @@ def identify(
             only zero: each joint's torque has its own, in the recording.
         known: Standard deviations of the model's bodies in the trajectory estimate, as `{"mass": 0.1, "center": 0.02,
             "inertia": 0.3}` (relative, m, relative); True for the default, False for no prior, None for the default
-            where the motion does not separate all parameters.
+            where the motion does not separate all parameters or left-out pieces are predicted better with it.
         physical: True if the trajectory estimate's bodies must be physical, as close to the model's as the recordings
             allow; by default only those of `Estimate.consistent` are.
 

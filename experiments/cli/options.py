@@ -357,15 +357,15 @@ FIX: Options = {
 """Joints that do not move; `fixed` returns them."""
 
 MECHANISM: Options = {
-    "--base": ("body that is the base; if not given the world, or that of a scene", {}),
+    "--base": ("body that is the base, in whose frame its wrench is; by default the world, or that of a scene", {}),
     "--base-rpy": (
         "orientation of the base in the world in degrees, as 180 0 0 upside down; by default as in the model",
         {"type": NUMBER, "nargs": 3, "metavar": ("ROLL", "PITCH", "YAW")},
     ),
     "--ignore": ("equality constraints and tendons to leave out", NAMES),
     "--packages": (
-        "folders of ROS packages, for meshes of a URDF file at package://; the file's own folder, those above it "
-        "and ROS_PACKAGE_PATH are searched as well",
+        "folders of ROS packages, for meshes of a URDF file at package://; the file's own folder, those above it, "
+        "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH are searched as well",
         {**FILES, "metavar": "FOLDER"},
     ),
     **FIX,
@@ -374,8 +374,7 @@ MECHANISM: Options = {
 
 SIZE: Options = {
     "--max-size": (
-        "memory that a log, or a piece of one that is read in pieces, may take, by default that of a million "
-        "samples of sixty channels; a small file can unpack to more than there is",
+        "memory that a log may take, by default 500; a small file can unpack to more than there is",
         {"type": whole_number(1, 1_000_000), "metavar": "MB"},
     )
 }

@@ -80,7 +80,7 @@ def mechanism(
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
-            and in `ROS_PACKAGE_PATH` are searched as well.
+            and in `ROS_PACKAGE_PATH` and `AMENT_PREFIX_PATH` are searched as well.
         drives: False to leave out the drives of the joints.
         base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, for a base at rest that is mounted in
             another way than in the model, as `(180, 0, 0)` upside down; by default as in the model.

@@ -10,7 +10,7 @@ from string import Formatter
 import pytest
 
 import ident
-from ident.judgement.finding import FINDINGS, Finding, Place
+from ident.judgement.finding import FINDINGS, Finding, Place, title_of
 from ident.judgement.wording import WORDS
 
 LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
@@ -185,6 +185,11 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
             placed = replace(finding, place=Place(channels=tuple(f"left leg_{k}" for k in range(number))))
             assert len(placed.title.split()) <= 7
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
+
+
+def test_titles_of_friction_are_those_of_their_sentences():
+    assert title_of("breakaway_friction") == "Breakaway friction"
+    assert title_of("low_velocity_friction") == "Stribeck friction"
 
 
 def names(template):

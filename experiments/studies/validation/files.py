@@ -104,7 +104,7 @@ class Places:
         if self.fetch:
             return fetched(entry, downloads, self.host)
         if lost:
-            raise InputError(f"'{given}' has no {listed(lost, 3)}; --fetch downloads what its licence lets.")
+            raise InputError(f"'{given}' has no {listed(lost, 3)}; --fetch downloads what its licence allows.")
         raise InputError(
             "Its files are not here: --fetch downloads them, or --data FOLDER (or MULTICONTACT_DATA) names a folder "
             f"with a folder '{entry.folder}'."
