@@ -2,7 +2,8 @@
 
 Ours and theirs take turns, and their medians are compared, after a check that their results are the same. All use one
 thread for linear algebra. Nothing is asserted: machines differ, and are noisy. `python -m docs.tools.benchmark` writes
-`results/benchmark.json`; with Pinocchio (extra `peers`) it takes a few minutes.
+`results/benchmark.json`; with Pinocchio (extra `peers`) it takes a few minutes. `--end-to-end` measures whole ways from
+a log to parameters instead, each in a process of its own, and leaves the rest of the record as it was.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import scenes
+from docs.tools import end_to_end
 from docs.tools import mechanisms as subjects
 from docs.tools.mechanisms import PENDULUM, PINOCCHIO_NAME, Pinocchio, Subject, double_pendulum, subject
 from experiments.data import paper
@@ -50,6 +52,9 @@ TASKS = {
     BASE_COLUMNS: "the same against the loop and np.linalg.lstsq on the base columns",
 }
 """Tasks compared on every mechanism. Before them, models are built, equations recorded, and states laid out."""
+
+RECORD = Path(__file__).parents[1] / "benchmark.json"
+"""What docs/speed.md shows."""
 
 CHAIN = "arm"
 """Name of the arms of increasing length."""
@@ -81,6 +86,9 @@ class Effort:
 
 QUICK = Effort(0.01, 3, (100, 300), 2, 50, (3, 10))
 """Enough to check that everything runs."""
+
+QUICK_LOG = 600
+"""Samples of the log for the same."""
 
 
 def alternating(ways: Sequence[Way], effort: Effort) -> np.ndarray:
@@ -233,13 +241,13 @@ PARTS: tuple[Callable[[Effort], Iterator[Row]], ...] = (on_mechanisms, of_arms, 
 
 
 def measured(effort: Effort) -> dict[str, Any]:
-    """Contents of `benchmark.json` without the provenance."""
+    """Comparisons within one process, for `benchmark.json`."""
     with suppress(ImportError):
         import pinocchio  # noqa: F401
 
-        return {"machine": machine(), "rows": [row for part in PARTS for row in tqdm(part(effort), part.__name__)]}
+        return {"rows": [row for part in PARTS for row in tqdm(part(effort), part.__name__)]}
     print("Pinocchio is not compared with; install the extra 'peers'.")
-    return {"machine": machine(), "rows": [row for part in PARTS[-1:] for row in part(effort)]}
+    return {"rows": [row for part in PARTS[-1:] for row in part(effort)]}
 
 
 def machine() -> str:
@@ -311,13 +319,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Measures, writes `benchmark.json`, and prints the table of docs/speed.md."""
     parser = argparse.ArgumentParser("python -m docs.tools.benchmark", description=str(__doc__).partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="few samples and repetitions, to see that everything runs")
+    parser.add_argument("--end-to-end", action="store_true", help="ways from a log to parameters, each in its process")
     parser.add_argument("--out", type=Path, default=Path("results/benchmark.json"), help="file for the results")
     args = parser.parse_args(argv)
+    record = json.loads((args.out if args.out.exists() else RECORD).read_text(encoding="utf-8"))
+    own = {"provenance": provenance({"quick": args.quick}), "machine": machine()}
+    if args.end_to_end:
+        ways = end_to_end.measured(QUICK_LOG, turns=1) if args.quick else end_to_end.measured()
+        record["end_to_end"] = own | ways
+    else:
+        record |= own | measured(QUICK if args.quick else Effort())
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    write_json(
-        args.out, measured(QUICK if args.quick else Effort()) | {"provenance": provenance({"quick": args.quick})}
-    )
-    print(markdown(json.loads(args.out.read_text(encoding="utf-8"))))
+    write_json(args.out, record)
+    print(end_to_end.markdown(record["end_to_end"]) if args.end_to_end else markdown(record))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 import scenes
-from docs.tools import benchmark
+from docs.tools import benchmark, end_to_end
 from docs.tools.noise import Case, filtered
 from docs.tools.noise_conditions import CONDITIONS
 from docs.tools.noise_recordings import save_log
@@ -105,8 +105,9 @@ def benchmark_results(root: Path) -> dict[str, Any]:
     """
     made, shown = root / "results" / BENCHMARK, root / "docs" / BENCHMARK
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
-    commit = str(results["provenance"]["git_commit"])
-    if results["provenance"]["options"]["quick"] or (made.exists() and commit.endswith("-dirty")):
+    origins = [part["provenance"] for part in (results, results["end_to_end"])]
+    changed = made.exists() and any(str(origin["git_commit"]).endswith("-dirty") for origin in origins)
+    if changed or any(origin["options"]["quick"] for origin in origins):
         raise InputError(f"docs/speed.md shows a whole benchmark of a commit; '{made}' is quick, or of changed files.")
     return results
 
@@ -134,7 +135,8 @@ def write(root: Path) -> None:
         "table 4": table_4(touching).markdown(),
     }
     _replace_blocks(docs / "study.md", tables)
-    _replace_blocks(docs / "speed.md", {"benchmark": benchmark.markdown(measured)})
+    ways = end_to_end.markdown(measured["end_to_end"])
+    _replace_blocks(docs / "speed.md", {"benchmark": benchmark.markdown(measured), "end to end": ways})
     write_validation(root, validated)
     with result_folder.results_folder(docs) as folder:
         figures.save(study_report.figure(tilted, "figure_2"), folder, "figure_2", ["png"])

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,7 +16,7 @@ import experiments
 import ident
 import scenes
 import sim
-from docs.tools import benchmark, noise_recordings
+from docs.tools import benchmark, end_to_end, noise_recordings
 from docs.tools import pages as blocks
 from docs.tools.noise_conditions import drives, truth
 from experiments.data.simulated_study import summary
@@ -83,8 +84,36 @@ def test_numbers_of_both_studies_are_not_stale():
 
 
 def test_the_benchmark_is_the_one_on_record():
-    shown, record = block("speed.md", "benchmark"), json.loads(page("benchmark.json"))
-    assert shown == benchmark.markdown(record) and record["machine"] in shown
+    record = json.loads(page("benchmark.json"))
+    assert block("speed.md", "benchmark") == benchmark.markdown(record)
+    assert block("speed.md", "end to end") == end_to_end.markdown(record["end_to_end"])
+    assert [row["way"] for row in record["end_to_end"]["rows"]] == [way.name for way in end_to_end.WAYS]
+
+
+def ways_measured(folder, monkeypatch, ways):
+    monkeypatch.setattr(end_to_end, "WAYS", ways)
+    benchmark.main(["--end-to-end", "--quick", "--out", str(folder / "benchmark.json")])
+    record = json.loads((folder / "benchmark.json").read_text(encoding="utf-8"))
+    assert record["rows"] == json.loads(page("benchmark.json"))["rows"]
+    return record["end_to_end"]["rows"]
+
+
+def test_ways_that_are_not_installed_or_fail_are_named(tmp_path, monkeypatch, capsys):
+    weighted, peer = end_to_end.WAYS[1], end_to_end.WAYS[3]
+    absent, failing = replace(peer, packages=("absent",)), replace(weighted, name="failing", arguments=("absent",))
+    made, failed = ways_measured(tmp_path, monkeypatch, (weighted, absent, failing))
+    assert made["ratio"] == 1 and 0 < made["torques"] < 0.3 and 20 < made["megabytes"] < 1000
+    printed = capsys.readouterr().out
+    assert f"{peer.name} is not compared with" in printed and printed.count("No module named absent") == 1
+    assert "No module named absent" in failed["failure"]
+
+
+@pytest.mark.extras
+def test_other_software_finds_the_parameters(tmp_path, monkeypatch):
+    for name in ("pinocchio", "casadi", "figaroh"):
+        pytest.importorskip(name)
+    rows = ways_measured(tmp_path, monkeypatch, end_to_end.WAYS[3:6])
+    assert [row["torques"] < bound for row, bound in zip(rows, (0.03, 0.01, 0.5), strict=True)] == [True] * 3
 
 
 @pytest.mark.skipif(

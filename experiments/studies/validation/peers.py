@@ -303,6 +303,7 @@ def sysid(task: Given) -> Answer:
     # Each iteration takes a simulation of every piece for every parameter.
     optimal, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=20)
     sysid.apply_param_modifiers_spec(optimal, spec)
+    task.path.with_suffix(".xml").write_text(spec.to_xml(), encoding="utf-8")
     made = mechanism(spec)
     own = dict(zip(made.bodies, made.known.reshape(-1, 10), strict=True))
     phi = np.array([own.get(name, np.zeros(10)) for name in task.arm.bodies])
