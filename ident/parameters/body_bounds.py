@@ -9,7 +9,7 @@ z and ζ standard normal, ψ = B φ + a x depends on `H [z; ζ]` alone. An estim
 that; what the prior adds are the combinations across H.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,7 +20,8 @@ from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.nearest_bodies import UNITS, NearestBodies, maxima, region, traces
+from ident.parameters.extremes import EXACT, maxima, traces
+from ident.parameters.nearest_bodies import UNITS, NearestBodies, region
 from ident.parameters.prior import KNOWN, LEAST_KNOWN, UNKNOWN, body_covariance, guessed, known_covariances, unstated
 
 NEAREST = 30.0
@@ -202,13 +203,15 @@ class Fitting:
         kept, out = np.repeat(has_mass, 10), np.zeros((len(has_mass), 10, 2))
         if not self.prior.used:
             of_rotors = np.ones(rows.shape[1] - len(phi), bool)
-            out[has_mass] = _bounds(rows[:, np.r_[kept, of_rotors]], right, phi[kept], region(1), region(len(right)))
+            problem = _InUnits.of(rows[:, np.r_[kept, of_rotors]], right, phi[kept])
+            attainable = problem.square <= region(len(right))
+            out[has_mass] = _bounds([problem], region(1))[0] if attainable else np.nan
             return out
         mean, covariance = _solved(np.vstack([rows, self.prior.rows]), np.r_[right, self.prior.right])
-        for k in np.flatnonzero(has_mass).tolist():
-            own = slice(10 * k, 10 * k + 10)
-            whitening = np.linalg.inv(scaled_root(covariance[own, own]))
-            out[k] = _bounds(whitening, whitening @ mean[own], phi[own], SKEWED * region(1), np.inf)[0]
+        own = [slice(10 * k, 10 * k + 10) for k in np.flatnonzero(has_mass).tolist()]
+        whitenings = [np.linalg.inv(scaled_root(covariance[k, k])) for k in own]
+        problems = [_InUnits.of(root, root @ mean[k], phi[k]) for root, k in zip(whitenings, own, strict=True)]
+        out[has_mass] = _bounds(problems, SKEWED * region(1))[:, 0]
         return out
 
 
@@ -226,36 +229,51 @@ def scaled_root(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(std[:, None] * np.linalg.cholesky(covariance / np.outer(std, std)))
 
 
-def _bounds(rows: np.ndarray, right: np.ndarray, phi: np.ndarray, room: float, largest: float) -> np.ndarray:
-    """Bounds of bodies with `|rows [φ; x] - right|²` within some room of the least; NaN if that is too large."""
-    b = len(phi) // 10
-    L = np.linalg.cholesky(pseudo_inertia(phi.reshape(-1, 10)))
-    x = 1 / np.maximum(np.linalg.norm(rows[:, 10 * b :], axis=0), 1e-300)
-    x *= np.maximum(np.abs(rows[:, : 10 * b] @ phi).max(), 1.0)
-    K = NearestBodies.in_units(rows, right, L, x).bodies(NEAREST)
-    L, x = L @ np.linalg.cholesky(K[:b]), x * K[b:, 0, 0]
-    forms = _forms(L)
-    A = np.hstack(
-        [
-            np.einsum("rbp,bup->rbu", rows[:, : 10 * b].reshape(-1, b, 10), forms).reshape(len(rows), -1),
-            rows[:, 10 * b :] * x,
-        ]
-    )
-    square = float(np.sum((A @ traces(b, len(x)) - right) ** 2))
-    if square > largest:
-        return np.full((b, 10, 2), np.nan)
-    f, d = np.zeros((2, b, 10, A.shape[1]))
+@dataclass(frozen=True, eq=False)
+class _InUnits:
+    """Conditions `|rows [φ; x] - right|²` on bodies and rotors in units of those that are nearest.
+
+    Attributes:
+        rows: Rows in the basis `UNITS`, then of rotors (r, 10 b + k).
+        right: Right sides (r,).
+        forms: φ of the bodies of the basis (b, 10, 10).
+        square: The squared distance of the nearest ones.
+    """
+
+    rows: np.ndarray
+    right: np.ndarray
+    forms: np.ndarray
+    square: float
+
+    @classmethod
+    def of(cls, rows: np.ndarray, right: np.ndarray, phi: np.ndarray) -> "_InUnits":
+        """Conditions in units of the nearest bodies, for the search of which a start is given."""
+        b = len(phi) // 10
+        L = np.linalg.cholesky(pseudo_inertia(phi.reshape(-1, 10)))
+        x = 1 / np.maximum(np.linalg.norm(rows[:, 10 * b :], axis=0), 1e-300)
+        x *= np.maximum(np.abs(rows[:, : 10 * b] @ phi).max(), 1.0)
+        K = NearestBodies.in_units(rows, right, L, x).bodies(NEAREST)
+        L, x = L @ np.linalg.cholesky(K[:b]), x * K[b:, 0, 0]
+        forms = parameters_from_pseudo_inertia(L[:, None] @ UNITS @ np.swapaxes(L, -1, -2)[:, None])
+        of_bodies = np.einsum("rbp,bup->rbu", rows[:, : 10 * b].reshape(-1, b, 10), forms)
+        A = np.hstack([of_bodies.reshape(len(rows), -1), rows[:, 10 * b :] * x])
+        return cls(A, right, forms, float(np.sum((A @ traces(b, len(x)) - right) ** 2)))
+
+
+def _bounds(problems: Sequence[_InUnits], room: float) -> np.ndarray:
+    """Bounds of bodies of some problems with squared distances within some room of the least (c, b, 10, 2)."""
+    rows, right = np.array([each.rows for each in problems]), np.array([each.right for each in problems])
+    forms, square = np.array([each.forms for each in problems]), np.array([each.square for each in problems])
+    c, b = forms.shape[:2]
+    f, d = np.zeros((2, c, 2, b, 10, rows.shape[2]))
     for k in range(b):
-        f[k, :, 10 * k : 10 * k + 10] = forms[k].T
-        d[k, 1:4, 10 * k : 10 * k + 10] = forms[k][:, 0]
-    f, d = f.reshape(10 * b, -1), d.reshape(10 * b, -1)
-    lower, upper = maxima(A, right, square + room, b, np.vstack([-f, f]), np.vstack([d, d])).reshape(2, b, 10)
-    lower *= -1
-    # Mass and moments of inertia are positive.
-    lower[:, [0, 4, 5, 6]] = np.maximum(lower[:, [0, 4, 5, 6]], 0)
-    return np.stack([lower, upper], axis=-1)
-
-
-def _forms(L: np.ndarray) -> np.ndarray:
-    """φ of the bodies `L U Lᵀ` for all U of the basis (b, 10, 10)."""
-    return parameters_from_pseudo_inertia(L[:, None] @ UNITS @ np.swapaxes(L, -1, -2)[:, None])
+        own = slice(10 * k, 10 * k + 10)
+        f[:, 1, k, :, own] = forms[:, k].swapaxes(1, 2)
+        d[:, :, k, 1:4, own] = forms[:, k, None, None, :, 0]
+    f[:, 0] = -f[:, 1]
+    out = maxima(rows, right, square + room, b, f.reshape(20 * b * c, -1), d.reshape(20 * b * c, -1))
+    out = np.moveaxis(out.reshape(c, 2, b, 10), 1, 3) * [-1, 1]
+    # Mass and moments of inertia are positive; what is far below that of the nearest body is as good as zero.
+    positive, least = [0, 4, 5, 6], EXACT * np.einsum("u,cbuk->cbk", traces(1, 0), forms)
+    out[:, :, positive, 0] = np.where(out[..., 0] > least, out[..., 0], 0)[:, :, positive]
+    return out

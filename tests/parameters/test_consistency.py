@@ -219,6 +219,30 @@ def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():
     assert np.mean(shares) >= 0.95
 
 
+def chain(seed):
+    """Estimated base parameters of some links, and a prior."""
+    rng, count = np.random.default_rng(seed), 3 + seed % 3
+    tree = random_tree(rng, count, ("revolute",), chain=True)
+    base, truth = find_base_parameters(tree), random_phi(rng, count)
+    C = weighed(tree, base, truth, rng, 0.02)
+    return measured(rng, base.regroup(truth), C), C, base, random_phi(rng, count)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_nothing_bounds_has_no_bounds(seed):
+    """The first link's first moments are regrouped, and its inertia may be that of a light ring of any size."""
+    full = consistent_parameters(*chain(seed))
+    (mass, _), *centre = full.intervals[0, :4]
+    assert mass == 0 and not np.isfinite(centre).any()
+
+
+def test_bounds_do_not_move_with_rounding():
+    psi, *others = chain(1)
+    near = psi * (1 + 1e-10 * np.random.default_rng(0).normal(size=len(psi)))
+    one, other = (consistent_parameters(each, *others).intervals for each in (psi, near))
+    np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+
+
 def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
     """A measuring tape, guessed to be a ball of thrice its moments; a width from its mass would keep the ball."""
     std, z = np.repeat([1.5e-4, 1e-5, 2e-5], [1, 3, 6]), []
@@ -243,6 +267,31 @@ def least_divergence(cvxpy, psi, covariance, base, prior, distance):
     problem = cvxpy.Problem(cvxpy.Minimize(divergence), [near])
     problem.solve(solver=cvxpy.CLARABEL)
     return problem.value if problem.status == "optimal" else None
+
+
+@pytest.mark.extras
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate", "ignore:.*nfeasible")
+def test_bounds_of_masses_and_moments_are_those_of_a_conic_solver():
+    cvxpy, compared = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional extra"), 0
+    for seed in range(3):
+        psi, C, base, prior = chain(seed)
+        full = consistent_parameters(psi, C, base, prior)
+        L, root = np.linalg.cholesky(bodies(full.phi)), np.linalg.inv(np.linalg.cholesky(C))
+        rows, values = (np.swapaxes(L, 1, 2) @ forms(x) @ L for x in (root @ regrouping(base), np.eye(len(prior))))
+        K = [cvxpy.Variable((4, 4), PSD=True) for _ in L]
+        vectors = [cvxpy.vec(k, order="C") for k in K]
+        misfit = sum(rows[:, i].reshape(-1, 16) @ k for i, k in enumerate(vectors)) - root @ psi
+        least = cvxpy.Problem(cvxpy.Minimize(cvxpy.norm(misfit))).solve(solver=cvxpy.CLARABEL)
+        inside = [cvxpy.norm(misfit / np.sqrt(least**2 + 3.84)) <= 1]
+        for i, j in np.argwhere(np.isfinite(full.intervals[:, :, 1])).tolist():
+            if j in (0, 4, 7):
+                value = values[10 * i + j, i].ravel() / full.intervals[i, j, 1] @ vectors[i]
+                problem = cvxpy.Problem(cvxpy.Maximize(value), inside)
+                problem.solve(solver=cvxpy.CLARABEL)
+                if problem.status in ("optimal", "optimal_inaccurate"):
+                    assert problem.value == pytest.approx(1, rel=5e-3)
+                    compared += 1
+    assert compared >= 10
 
 
 @pytest.mark.extras
