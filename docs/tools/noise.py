@@ -83,9 +83,12 @@ class Case:
         """True rotor inertia and friction of each joint; empty without friction."""
         origin = self.subject.mechanism.source
         assert isinstance(origin, Origin)
-        stribeck = self.condition.stribeck
-        rubs = self.condition.rubs or stribeck
-        return drives(self.subject.mechanism, origin.model, stribeck=stribeck) if rubs else {}
+        model, stribeck = origin.model, self.condition.stribeck
+        if not (self.condition.rubs or stribeck):
+            return {}
+        by_euler = self.condition.rubs and "commands" not in self.condition.sensors
+        delay = model.opt.timestep / 2 if by_euler else 0.0
+        return drives(self.subject.mechanism, model, stribeck=stribeck, delay=delay)
 
 
 @dataclass(frozen=True, eq=False)

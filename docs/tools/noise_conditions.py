@@ -234,10 +234,16 @@ def _drawn(phi: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     )
 
 
-def drives(mechanism: Mechanism, model: mujoco.MjModel, *, stribeck: bool = False) -> dict[str, float]:
-    """Rotor inertia, viscous, Coulomb and perhaps Stribeck friction of each joint in a model, by column name."""
+def drives(
+    mechanism: Mechanism, model: mujoco.MjModel, *, stribeck: bool = False, delay: float = 0.0
+) -> dict[str, float]:
+    """Rotor inertia, viscous, Coulomb and perhaps Stribeck friction of each joint in a model, by column name.
+
+    Dampers that act late by a delay, s, as by half a step of Euler's method, are rotors as well.
+    """
     addresses = {joint_name(model, j): int(model.jnt_dofadr[j]) for j in range(model.njnt)}
-    stated = {"rotor": model.dof_armature, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
+    rotor = model.dof_armature + delay * model.dof_damping
+    stated = {"rotor": rotor, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
     # Dry joints break loose at one and a half times their friction.
     stated |= {"stribeck": 0.5 * model.dof_frictionloss} if stribeck else {}
     return {

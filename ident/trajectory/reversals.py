@@ -45,11 +45,14 @@ WIDER = 2.0
 """Factor on the likeliest width of the slack: accelerations jump when a joint breaks away, which knots do not quite
 follow, and drives would be wrong by one and a half of their standard deviations."""
 
-LARGER = 10.0
-"""Factor on its likeliest size where commands stand for torques: friction at rest differs from the law for many samples
-alike, which white slack underrates. A servo's lag was wrong by four standard deviations with a factor of
-one, by one with three, and by none with ten. Measured torques tell no lag, and lose Coulomb friction of trapezoids.
-"""
+LARGER = 3.0
+"""Factor on its likeliest size, up to that of the friction: friction at rest differs from the law for many samples
+alike, which white slack underrates. Coulomb friction of a light joint on trapezoids was wrong by two to three of its
+standard deviations (root mean square) with a factor of one, by less than one with three."""
+
+LARGER_OF_COMMANDS = 10.0
+"""Factor on its size, friction's at most, where commands stand for torques. A servo's lag was wrong by four standard
+deviations with a factor of one, by one with three, and by none with ten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +173,6 @@ def likeliest(equations: Equations, residual: np.ndarray, speed: np.ndarray, the
     """
     out, gears = _none(equations), equations.axes.gears
     slips = SLIP * gears if equations.slips is None else equations.slips
-    larger = 1.0 if equations.servos is None else LARGER
     for a in rubbing(equations):
         own = _on_axis(equations, a, residual)
         chosen = np.flatnonzero(np.isfinite(own))
@@ -180,7 +182,9 @@ def likeliest(equations: Equations, residual: np.ndarray, speed: np.ndarray, the
         if not rate.any():
             continue
         law = _law(own[chosen] + friction * np.tanh(rate / slips[a]), rate, SLIP * gears[a])
-        out.size[a] = larger * min(law.size, max(law.coulomb, 0.0))
+        most = max(law.coulomb, 0.0)
+        by_torque, by_command = min(LARGER * law.size, most), LARGER_OF_COMMANDS * min(law.size, most)
+        out.size[a] = by_torque if equations.servos is None else by_command
         out.velocity[a], out.slip[a] = WIDER * law.velocity, law.slip
     return out
 
