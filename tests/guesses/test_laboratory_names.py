@@ -158,9 +158,9 @@ def test_the_only_position_is_that_of_the_only_joint_and_what_follows_it_its_com
     assert mapped(belief, "command") == ({"lift": own[1]} if command else {})
 
 
-def with_sensor(force, torque):
+def with_sensor(force, torque, text=None):
     """Columns of an arm with a sensor at its wrist."""
-    log = wrist.log(seconds=6.0, rate=50.0)
+    log = wrist.log(seconds=6.0, rate=50.0, text=text)
     columns = {"time": log.time} | {f"{joint}_position": log[f"{joint}_position"] for joint in wrist.JOINTS}
     return columns | vector(force, log["wrist_force"] + 3) | vector(torque, log["wrist_torque"])
 
@@ -169,8 +169,8 @@ def of_sensor(folder, columns):
     """The only wrench of a log, and the belief."""
     belief = belief_of(folder, columns, ROBOT)
     (group,) = belief.groups.values()
-    assert group.name != "ground" and group.is_inner and group.entries["body"].value == "tool" and belief.open == []
-    assert group.entries["unit"].value == "N"
+    assert group.name != "ground" and group.is_inner and group.entries["body"].value == "tool"
+    assert group.entries["unit"].value == "N" and all("correct its position" in sentence for sentence in belief.open)
     return group, belief
 
 
@@ -195,15 +195,24 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
     sensor = read_as_guessed(tmp_path, belief, ROBOT).sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, wrist.sensors()["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link
+    assert belief.open == []
+
+
+def test_a_wrist_sensor_whose_place_nothing_states_is_asked_about_and_calibrated(tmp_path, capsys):
+    """It is 10 cm from the frame of the body: intervals hold with the file as it is written."""
     path, model, mapping = (tmp_path / name for name in ("log.csv", "arm.xml", "log.toml"))
-    path.write_text(text(with_sensor("FT{}", "MT{}")), encoding="utf-8")
+    farther = wrist.model().replace('name="wrist" pos="0 0 0.01"', 'name="wrist" pos="0 0 0.1"')
+    path.write_text(text(with_sensor("FT{}", "MT{}", farther)), encoding="utf-8")
     model.write_text(wrist.model())
     assert command.main([str(model), str(path)]) == 0
-    *_, last = capsys.readouterr().out.strip().splitlines()
+    *lines, last = capsys.readouterr().out.strip().splitlines()
+    assert any(line.startswith("Open: It is open where the sensor of ") for line in lines)
     payload, name = last.rsplit(" ", 1)
     assert payload == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor"
     payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=name)
-    assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
+    low, high = payload.in_frame().intervals.T
+    truth = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])
+    assert ((low < truth) & (truth < high)).all() and high[0] - low[0] < 0.02
 
 
 def test_a_time_that_is_repeated_with_other_values_takes_gaps(tmp_path):
