@@ -20,6 +20,7 @@ from experiments.guesses.belief import (
 )
 from experiments.guesses.log_contents import ROUND, is_one
 from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.words import suits
 from experiments.guesses.wrenches import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import SLIP, predicted_channels
@@ -45,6 +46,13 @@ def set_units(belief: Belief) -> None:
     for x in belief.of("position").values():
         if x.column in log.units:
             x.why.append("the file knows its unit")
+        elif not suits(f"{kinds[x.joint]} position", x.column):
+            x.sure = DOUBTFUL
+            belief.ask(
+                f"The position of '{x.joint}', a {kinds[x.joint]}, may be in {x.column}, whose name states "
+                f"{x.about.unit}: map it by unit, gain and constant, so that gain * column + constant is the position.",
+                [x.joint],
+            )
         elif stated := belief.stated(x):
             x.unit = stated
             x.why.append(f"{x.unit} by its name")

@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import combinations, compress, permutations
 from math import perm
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from experiments.guesses.checks import (
 from experiments.guesses.log_contents import ROUND, check_same_columns, log_contents
 from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, SAME, ComparedModel, explained
 from experiments.guesses.scores import (
+    FITTING,
     add_assigned,
     add_commands,
     add_poses,
@@ -31,7 +32,7 @@ from experiments.guesses.scores import (
     by_number,
     candidates,
 )
-from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
+from experiments.guesses.words import MEASURED, PARTS, Family, families, suits, unit_of, words
 from experiments.guesses.wrenches import add_wrenches, place_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
@@ -190,8 +191,14 @@ class OrderSearch:
 
     def of_series(self, several: Sequence[Family], kinds: Sequence[str]) -> list[Order]:
         """Orders of the columns of families as positions, with possible torques of some kinds, and what they leave."""
-        orders = (order for family in several for order in self._orders(family))
+        orders = self.suiting(order for family in several for order in self._orders(family))
         return [own for each in orders for own in self.judged(each, self._torques(each, kinds), self.belief.free)]
+
+    def suiting(self, orders: Iterable[Order]) -> list[Order]:
+        """The orders whose columns state no unit that the positions of their joints cannot have, or else all."""
+        every, kinds = list(orders), self.belief.kinds
+        fit = (all(suits(f"{kinds[joint]} position", x) for joint, x in order.positions.items()) for order in every)
+        return list(compress(every, fit)) or every
 
     def _orders(self, family: Family) -> Iterator[Order]:
         """Orders of as many consecutive columns of a family as there are joints, or of joints as there are columns."""
@@ -201,19 +208,30 @@ class OrderSearch:
             if all(map(own.get, joints)):
                 yield Order(LABELS, {joint: own[joint] for joint in joints}, family)
                 return
-        # All joints, those of a family of that size, or consecutive ones.
+        # All joints, those of a family of that size, or consecutive ones, with the gaps of the columns' numbers.
         n = min(len(names), len(joints))
         alike = [each.names for each in families(joints) if len(each.names) == n < len(joints)]
         runs = [names[first : first + n] for first in range(len(names) - n + 1)]
         runs = [run for run in runs if log.columns.keys() >= set(run)]
-        for targets in alike or [joints[k : k + n] for k in range(len(joints) - n + 1)]:
+        steps = [number - family.numbers[0] for number in family.numbers]
+        steps = steps if len(names) == n and steps[-1] < len(joints) else list(range(n))
+        for targets in alike or [tuple(joints[k + i] for i in steps) for k in range(len(joints) - steps[-1])]:
             for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): MODEL}.items():
                 yield from (Order(label, dict(zip(listed, run, strict=True)), family) for run in runs)
+
+    @property
+    def _with_forces(self) -> Iterator[Family]:
+        """The families, and those that torques of hinges make with forces of slides, each with numbers of its own."""
+        yield from self.families
+        for one, other in combinations([each for each in self.families if each.kind == "torque"], 2):
+            members = [*zip(one.numbers, one.names, strict=True), *zip(other.numbers, other.names, strict=True)]
+            if len(dict(members)) == len(members):
+                yield Family.of(one.template, members)
 
     def _torques(self, order: Order, kinds: Sequence[str]) -> list[dict[str, str]]:
         """Torque columns that may go with positions, at the same places in families; [{}] if torques are known."""
         own, places = order.family, [order.family.names.index(name) for name in order.positions.values()]
-        there = [each for each in self.families if each.is_of_joints and len(each.names) == len(own.names)]
+        there = [each for each in self._with_forces if each.is_of_joints and len(each.names) == len(own.names)]
         for kind in kinds if not self.belief.of("torque") else ():
             every = [[each.names[k] for k in places] for each in there if each.kind == kind and each is not own]
             if not kind and not self.belief.groups and max(places) - min(places) < len(places):
@@ -248,11 +266,12 @@ class OrderSearch:
 
     def _scales(self, order: Order) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
-        log, columns = self.belief.log, order.positions.values()
+        log, kinds = self.belief.log, self.belief.kinds
+        columns = [name for joint, name in order.positions.items() if kinds[joint] == "hinge"]
         units = {unit_of("hinge position", words(name).unit) or log.units.get(name, "") for name in columns} - {""}
         if units:
             return [UNITS["hinge position"].get(units.pop(), 1.0)]
-        largest = max(map(log.largest, columns))
+        largest = max(map(log.largest, columns), default=0.0)
         return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
 
     def add_best(self, every: Sequence[Order], *, ask: bool = True) -> bool:
@@ -347,12 +366,13 @@ def add_any(belief: Belief) -> None:
     lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
     still = any(x.column not in log.columns for x in positions.values())
     names, others = candidates(belief, len(lacking))
+    names = [name for name in names if words(name).kind in FITTING["position"]]
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
     if perm(len(names), len(lacking)) <= MOST:
         search = OrderSearch(ComparedModel.of(belief, names), lacking)
         orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
-        search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
+        search.add_best([own for order in search.suiting(orders) for own in search.judged(order, [{}], others)])
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
         belief.ask(f"The positions of {_listed(lacking)} may be {several}.")

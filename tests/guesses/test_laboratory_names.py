@@ -86,6 +86,52 @@ def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, 
     assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
 
 
+MIXED = tuple(f"axis{k}" for k in range(1, 5))
+
+
+def with_slide():
+    """Arm whose third joint is a slide, and its positions and torques (N, 4)."""
+    axes = zip(MIXED, ("l1", "l2", "l3", "l4"), ("0 0 .1", "0 0 .2", ".3 0 0", "0 0 .1"), "zyxy", strict=True)
+    vectors = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    chain = "".join(LINK.format(*own, vectors[axis], 'diaginertia=".02 .01 .02"') for *own, axis in axes)
+    chain = chain.replace('name="axis3" axis', 'name="axis3" type="slide" axis')
+    arm = sim.mechanism(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{chain}{4 * '</body>'}</worldbody></mujoco>"))
+    rng, size = np.random.default_rng(4), np.array([0.5, 0.4, 0.1, 0.5])[:, None]
+    q, *rates = sines(
+        TIME, size * rng.uniform(0.3, 1, (4, 4)), np.array([0.9, 1.7, 2.9, 4.1]), rng.uniform(0, 6, (4, 4))
+    )
+    exact = predicted_channels(arm, Motion(q, *rates), np.eye(4), torques=True)
+    tau = np.stack([exact[joint] for joint in MIXED], axis=1)
+    return arm, q + 1e-5 * rng.normal(size=q.shape), tau + 0.02 * rng.normal(size=tau.shape)
+
+
+@pytest.mark.parametrize("pattern", ["axis{}_pos_{}/axis{}_torque_Nm/axis{}_force_N", "A{}_{}/T{}_Nm/F{}_N"])
+@pytest.mark.parametrize("lacks_slide", [False, True])
+def test_a_slide_among_hinges_has_the_column_of_its_number_and_unit(tmp_path, pattern, lacks_slide):
+    arm, q, tau = with_slide()
+    position, torque, force = pattern.split("/")
+    units, forces = ("deg", "deg", "mm", "deg"), (torque, torque, force, torque)
+    positions = [position.format(k, unit) for k, unit in enumerate(units, start=1)]
+    torques = [name.format(k) for k, name in enumerate(forces, start=1)]
+    kept = [0, 1, 3] if lacks_slide else [0, 1, 2, 3]
+    columns = {positions[k]: (DEG if units[k] == "deg" else 1e3) * q[:, k] for k in kept}
+    belief = belief_of(tmp_path, columns | {torques[k]: tau[:, k] for k in kept}, arm)
+    assert mapped(belief, "position") == {MIXED[k]: positions[k] for k in kept}, belief.open
+    assert mapped(belief, "torque") == {MIXED[k]: torques[k] for k in kept}
+    assert {x.unit for x in belief.of("position").values()} == {units[k] for k in kept}
+    assert [sentence for sentence in belief.open if "'axis3'" in sentence] == belief.open and any(
+        belief.open
+    ) == lacks_slide
+
+
+def test_a_slide_is_not_measured_in_degrees(tmp_path):
+    arm, q, tau = with_slide()
+    columns = {f"{joint}_deg": DEG * x for joint, x in zip(MIXED, q.T, strict=True)}
+    belief = belief_of(tmp_path, columns | by_joint(MIXED, torque=tau), arm)
+    assert mapped(belief, "position") == {joint: f"{joint}_deg" for joint in MIXED if joint != "axis3"}
+    assert "The position of 'axis3', a slide, may be in axis3_deg, whose name states deg" in belief.open[0]
+
+
 @pytest.mark.parametrize(("reversed_", "factor"), [("lift", 1.0), ("elbow", DEG)])
 def test_a_reversed_encoder_does_not_change_the_unit(tmp_path, reversed_, factor):
     """Of small motions, which a model whose angles are far too small explains better than one of opposite sign."""
