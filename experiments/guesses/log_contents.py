@@ -18,7 +18,16 @@ from ident.files.readers import TEXT, files_of, has_several_clocks, name_of, rea
 from ident.files.table import FAR, TIME, TRUE, UNITS, Columns, Table, is_number
 from ident.recordings.channels import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import clocks
-from ident.recordings.times import GAP, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
+from ident.recordings.times import (
+    GAP,
+    Sampled,
+    check_samples,
+    going_back,
+    interpolated,
+    rate_of,
+    streams_of,
+    uniform_times,
+)
 
 ROWS = 20_000
 """Largest number of samples that are read."""
@@ -72,6 +81,8 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
     if not candidates:
         meant = next((name for name in table.cells if _is_named_time(name)), None)
+        if meant in columns and (steps[meant] < 0).any():
+            raise LogError(f"its times do not grow: {going_back(table, meant, columns[meant], words(meant).unit)}")
         why = f", of {listed(columns)}" if meant is None else f": {_fault_of_times(table, meant, columns, unread)}"
         raise LogError(
             f"no column of it grows as times do{why}; a log needs one, or --rate HZ; still poses need none where the "
@@ -99,10 +110,9 @@ def _fault_of_times(table: Table, name: str, columns: Mapping[str, np.ndarray], 
     """Reason for which a column that is named like times has none."""
     if name in unread:
         return unread[name].rstrip(".")
-    empty, back = np.isnan(columns[name]), np.diff(columns[name], prepend=-np.inf) < 0
-    for wrong, what in ((empty, "is empty"), (back, "goes back in time")):
-        if wrong.any():
-            return f"{table.row(int(wrong.argmax()))}, column '{name}' {what}"
+    empty = np.isnan(columns[name])
+    if empty.any():
+        return f"{table.row(int(empty.argmax()))}, column '{name}' is empty"
     return f"column '{name}' repeats most of its times"
 
 
