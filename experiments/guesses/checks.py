@@ -43,7 +43,9 @@ KNOWN = 0.02
 def set_units(belief: Belief) -> None:
     """Sets units of positions by the file, their names, their velocities' units, and their size."""
     log, kinds, open_ones = belief.log, belief.kinds, list[Quantity]()
-    for x in belief.of("position").values():
+    for x in belief.quantities.values():
+        if x.kind != "position" or not x.column:
+            continue
         if x.column in log.units:
             x.why.append("the file knows its unit")
         elif not suits(f"{kinds[x.joint]} position", x.column):
@@ -69,7 +71,7 @@ def set_units(belief: Belief) -> None:
         unit = others.pop() if len(others) == 1 else larger if max(sizes.values(), default=0) > limit else usual
         for x in those:
             alike = sizes[x.joint] > limit or unit == usual
-            x.unit, x.sure = unit, x.sure if alike else LIKELY
+            x.unit, x.sure = unit, x.sure if alike or x.sure == DOUBTFUL else LIKELY
             x.why.append(f"{unit} since it goes to {sizes[x.joint]:.3g}" + f", and others are in {unit}" * (not alike))
     belief.by_size = {x.joint for x in open_ones if kinds[x.joint] == "hinge"}
 

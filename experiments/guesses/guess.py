@@ -1,5 +1,6 @@
 """Guess of a mapping of columns from a log and a model: all evidence in its order, and orders of numbered columns."""
 
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import (
     check_positions,
     check_wrenches_and_torques,
@@ -45,7 +46,11 @@ MOST = 400
 """Largest number of assignments of columns without names to joints that are tried."""
 
 MODEL, ALPHABET, LABELS, ANY = "the model's", "the alphabetical", "the stated", "the best"
+DRIVER = "the driver's"
 """Orders of joints."""
+
+RTDE = re.compile(r"actual_q[\W_]*#\W?")
+"""Families of positions of Universal Robots' RTDE interface, which numbers joints from the base on."""
 
 UNNAMED = Family("")
 """Family of columns that have no names in common."""
@@ -216,7 +221,9 @@ class OrderSearch:
         steps = [number - family.numbers[0] for number in family.numbers]
         steps = steps if len(names) == n and steps[-1] < len(joints) else list(range(n))
         for targets in alike or [tuple(joints[k + i] for i in steps) for k in range(len(joints) - steps[-1])]:
-            for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): MODEL}.items():
+            by_driver = RTDE.fullmatch(family.template) and family.numbers == tuple(range(len(joints)))
+            numbered = DRIVER if by_driver else MODEL
+            for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): numbered}.items():
                 yield from (Order(label, dict(zip(listed, run, strict=True)), family) for run in runs)
 
     @property
@@ -275,34 +282,46 @@ class OrderSearch:
         return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
 
     def add_best(self, every: Sequence[Order], *, ask: bool = True) -> bool:
-        """Adds the order that leaves least, and returns True if it is clearly the best and explains enough."""
+        """Adds the order that leaves least, and returns True if it is clearly the best and explains enough.
+
+        A driver's order is taken unless another is clearly better. With `ask`, what is not clear becomes a draft.
+        """
         every = sorted(every, key=lambda order: order.left)
-        best, twins = every[0], [order for order in every if every[0].is_like(order, self.belief.log.columns)]
+        best = next((own for own in every if own.label == DRIVER and CLEAR * own.left < every[0].left), every[0])
+        twins = [order for order in every if best.is_like(order, self.belief.log.columns)]
         others = [order.left for order in every if order not in twins]
         left, second = best.left, min(others, default=1.0)
+        alone = (not others or best.label in (LABELS, DRIVER)) and best.label != ANY
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
-        alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
-        is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
+        least = LITTLE if alone else enough
+        is_clear = 1 - left >= least and (alone or left <= CLEAR * second)
         copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
+        why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
         if is_clear and (best.family.kind or len(copies) == 1):
             rival = f", otherwise at most {explained(second)}" if others else ""
-            why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
             self._add(replace(best, torques=self._torques_of(best, twins)), why + rival)
             return True
         if ask and is_clear:
             which = "which were measured, and which were commanded, is open"
             self.belief.ask(f"{' and '.join(copies)} are nearly the same: {which}.", self.joints)
         elif ask:
+            needed = f", where it takes {explained(1 - least)}" if 1 - left < least else ""
             rival = f", and {explained(second)} with the next best choice" if others else ""
-            shares = f"With {copies[0]} the model explains {explained(left)} of what is measured{rival}."
+            shares = f"With {copies[0]} the model explains {100 * (1 - left):.1f} % of what is measured{needed}{rival}."
             self.belief.ask(f"The columns of the positions of {_listed(self.joints)} are open. {shares}", self.joints)
+        if ask:
+            self._add(best, f"tried: {why}", DOUBTFUL)
         return False
 
     def add_unmeasured(self, every: Sequence[Order]) -> None:
-        """Adds the only order if nothing is measured to check it; none of several."""
-        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].family.kind == "position":
-            self._add(every[0], f"in {every[0].label} order of the joints, which nothing in the log can confirm")
+        """Adds the only order, or a driver's, if nothing is measured to check it; drafts one of several."""
+        best = next((order for order in every if order.label == DRIVER), every[-1])
+        is_only = len({tuple(order.positions.items()) for order in every}) == 1 and best.family.kind == "position"
+        why = f"in {best.label} order of the joints, which nothing in the log can confirm"
+        if is_only or best.label == DRIVER:
+            self._add(best, why)
             return
+        self._add(best, f"tried: {why}", DOUBTFUL)
         self.belief.ask(
             f"{_listed(every[0].family.names)} may be the positions of {_listed(self.joints)} in several orders. The "
             "log has no wrench and no torque that shows which.",
@@ -323,9 +342,9 @@ class OrderSearch:
         self.belief.torques_undecided = True
         return {}
 
-    def _add(self, order: Order, why: str) -> None:
+    def _add(self, order: Order, why: str, sure: str = LIKELY) -> None:
         """Adds the quantities of an order to the belief."""
-        if order.label != LABELS:
+        if order.label not in (LABELS, DRIVER):
             self.belief.by_place |= set(order.positions)
         rates = assigned(
             by_derivative(self.belief, order.positions, {*order.positions.values(), *order.torques.values()})
@@ -334,7 +353,8 @@ class OrderSearch:
         quantities = {"position": order.positions, "torque": order.torques, "velocity": velocities}
         for kind, columns in quantities.items():
             for joint, column in columns.items():
-                self.belief.add(joint, kind, column, why if kind == "position" else "in the place of the position")
+                reason = why if kind == "position" else "in the place of the position"
+                self.belief.add(joint, kind, column, reason, sure)
 
 
 def add_series(belief: Belief) -> None:
