@@ -380,7 +380,8 @@ def rows(belief: Belief) -> list[tuple[str, ...]]:
     """Rows of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
     clocks = [(clock.entry, clock.why) for clock in belief.log.clocks]
     out: list[tuple[str, ...]] = [
-        ("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks
+        ("time", ", ".join(own.get("columns", [own.get("column", "counted")])), own.get("unit", ""), LIKELY, why)
+        for own, why in clocks
     ]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit

@@ -12,10 +12,11 @@ import numpy as np
 from experiments.guesses.words import words
 from ident.display.brief import listed
 from ident.errors import LogError
+from ident.files.arrays import STAMPS
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, files_of, has_several_clocks, name_of, read_clocks, read_files, read_tables
-from ident.files.table import FAR, TIME, TRUE, UNITS, Columns, Table, is_number
+from ident.files.table import COUNT, FAR, TIME, TRUE, UNITS, Columns, Table, is_number
 from ident.recordings.channels import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import clocks
 from ident.recordings.times import (
@@ -46,7 +47,8 @@ class ClockColumn(NamedTuple):
     """A column of times.
 
     Attributes:
-        entry: Its entry in a mapping: column and unit, or the samples per second of a file without times, Hz.
+        entry: Its entry in a mapping: column and unit, columns that are added, or the samples per second of a file
+            without times, Hz.
         why: Reason for this choice.
     """
 
@@ -74,6 +76,8 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if _is_named_time(name)]
+    if not named and (stamp := _stamp_of(table, columns)):
+        return stamp
     if rate and not named:
         return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
@@ -100,6 +104,26 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
     return ClockColumn({"column": column, "unit": unit}, f"{what}; {unit} since {how}")
+
+
+def _stamp_of(table: Table, columns: Mapping[str, np.ndarray]) -> ClockColumn | None:
+    """ROS's whole seconds and the nanoseconds beside them; None without such columns.
+
+    Raises:
+        LogError: They go back.
+    """
+    ends = ((name, end, beside) for name in columns for end, beside in STAMPS if name.endswith(end))
+    pairs = [(name, name.removesuffix(end) + beside) for name, end, beside in ends]
+    for pair in (pair for pair in pairs if pair[1] in columns):
+        entry = {"columns": list(pair), "weights": [1, 1e-9], "unit": "s"}
+        clock = ClockColumn(entry, "whole seconds, and nanoseconds beside them")
+        (total,) = clock.columns.sums
+        time = total.of([columns[name] for name in pair], len(table.rows))
+        if (np.diff(time) < 0).any():
+            raise LogError(f"its times do not grow: {going_back(table, total.name, time)}")
+        if np.median(np.diff(time)) > 0:
+            return clock
+    return None
 
 
 def _is_named_time(name: str) -> bool:
@@ -176,7 +200,7 @@ class LogContents:
     @property
     def times(self) -> set[str]:
         """Columns of times."""
-        return {clock.entry["column"] for clock in self.clocks if "column" in clock.entry}
+        return {name for clock in self.clocks for name in clock.columns.read} - {COUNT}
 
     def largest(self, name: str) -> float:
         """Largest size of a column."""
@@ -276,6 +300,7 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         if table is None:
             raise LogError("it has no rows of numbers.")
         clock = clock_of(table, rate)
+        table = replace(table, sums={each.name: each for each in clock.columns.sums})
         return layout, clock, table.counted(clock.columns)
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
@@ -328,7 +353,7 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         # If times repeat or go back, the first ones are kept.
         table = table.where(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         numbers, errors = _numbers(table)
-        names = [name for name in numbers if name not in clock.names]
+        names = [name for name in numbers if name not in clock.read]
         table, _ = with_continuous_angles(table, dict.fromkeys(names, WHOLE_TURNS), notes)
         channels = {name: table.column(name, FAR, gaps=True)[:, None] for name in names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)

@@ -3,6 +3,7 @@
 import json
 import re
 from importlib.resources import files
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -327,6 +328,24 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
     belief = believed(ARM, [tmp_path / "log.jsonl"])
     for kind, name in (("position", "position"), ("torque", torque)):
         assert mapped(belief, kind) == {n: f"{name}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
+
+
+@pytest.mark.parametrize("ends", [("secs", "nsecs"), ("sec", "nanosec")])
+def test_whole_seconds_and_nanoseconds_are_one_time(tmp_path, ends):
+    """In one file, and in each of two."""
+    stamps = {f"header.stamp.{ends[0]}": 1_700_000_000 + TIME // 1, f"header.stamp.{ends[1]}": np.rint(TIME % 1 * 1e9)}
+    positions, torques = by_joint(JOINTS, position=Q), by_joint(JOINTS, torque=TAU)
+    for logs in ([positions | torques], [positions, torques]):
+        paths = [tmp_path / f"{k}.csv" for k in range(len(logs))]
+        for path, columns in zip(paths, logs, strict=True):
+            path.write_text(text(stamps | columns), encoding="utf-8")
+        log = Path("+".join(map(str, paths)))
+        belief = believed(ARM, [log])
+        write_mapping(tmp_path / "log.toml", belief, force=True)
+        assert belief.unused == [] and mapped(belief, "torque") == {joint: f"{joint}_torque" for joint in JOINTS}
+        recording = ident.read_log(log, ARM, tmp_path / "log.toml")
+        np.testing.assert_allclose(recording.time, TIME, atol=1e-6)
+        np.testing.assert_allclose(recording["lift_position"], Q[:, 1], atol=1e-6)
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):
