@@ -22,21 +22,21 @@ from ident.files.table import CURRENT, UNITS
 from ident.mechanism.mechanism import Mechanism, plane_normal
 from ident.recordings.mapping import joint_kinds
 
-SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
-"""Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; doubtful, so that it is
-written as a remark only."""
+SURE, LIKELY, OPEN, DOUBTFUL = "sure", "likely", "open", "doubtful"
+"""Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; open, where nothing
+states it; doubtful, so that it is written as a remark only."""
 
-BASE = "base"
-"""Table of a mapping with the poses of the base."""
+BASE, SETUP = "base", "setup"
+"""Tables of a mapping with the poses of the base, and with standard deviations of the set-up."""
 
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
 """Lines of a group whose values are columns, perhaps with gains, or numbers in their place."""
 
 ORDER = (
     *("held", "frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
-    *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
+    *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit", "origin"),
 )
-"""Order of the lines of a wrench or pose."""
+"""Order of the lines of a wrench, a pose or the set-up."""
 
 
 UNIT_KEYS = {"force": "unit", "torque": "torque_unit"}
@@ -163,7 +163,7 @@ class Belief:
         mechanism: The mechanism.
         quantities: Quantities of joints by their keys in a mapping.
         groups: Wrenches by name.
-        poses: Ball joints and a moving base, by their tables in a mapping.
+        poses: Ball joints, a moving base and the set-up, by their tables in a mapping.
         open: Sentences on quantities that are ambiguous or missing.
         notes: Sentences on other observations.
         unused: Columns that are not assigned.
@@ -380,7 +380,8 @@ def rows(belief: Belief) -> list[tuple[str, ...]]:
     """Rows of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
     clocks = [(clock.entry, clock.why) for clock in belief.log.clocks]
     out: list[tuple[str, ...]] = [
-        ("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks
+        ("time", ", ".join(own.get("columns", [own.get("column", "counted")])), own.get("unit", ""), LIKELY, why)
+        for own, why in clocks
     ]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit

@@ -20,6 +20,7 @@ from experiments.guesses.belief import (
 )
 from experiments.guesses.log_contents import ROUND, is_one
 from experiments.guesses.model import CLEAR, ENOUGH, LITTLE, ComparedModel, Left, beside, explained
+from experiments.guesses.words import suits
 from experiments.guesses.wrenches import set_axes, set_units_of_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import SLIP, predicted_channels
@@ -42,9 +43,18 @@ KNOWN = 0.02
 def set_units(belief: Belief) -> None:
     """Sets units of positions by the file, their names, their velocities' units, and their size."""
     log, kinds, open_ones = belief.log, belief.kinds, list[Quantity]()
-    for x in belief.of("position").values():
+    for x in belief.quantities.values():
+        if x.kind != "position" or not x.column:
+            continue
         if x.column in log.units:
             x.why.append("the file knows its unit")
+        elif not suits(f"{kinds[x.joint]} position", x.column):
+            x.sure = DOUBTFUL
+            belief.ask(
+                f"The position of '{x.joint}', a {kinds[x.joint]}, may be in {x.column}, whose name states "
+                f"{x.about.unit}: map it by unit, gain and constant, so that gain * column + constant is the position.",
+                [x.joint],
+            )
         elif stated := belief.stated(x):
             x.unit = stated
             x.why.append(f"{x.unit} by its name")
@@ -61,7 +71,7 @@ def set_units(belief: Belief) -> None:
         unit = others.pop() if len(others) == 1 else larger if max(sizes.values(), default=0) > limit else usual
         for x in those:
             alike = sizes[x.joint] > limit or unit == usual
-            x.unit, x.sure = unit, x.sure if alike else LIKELY
+            x.unit, x.sure = unit, x.sure if alike or x.sure == DOUBTFUL else LIKELY
             x.why.append(f"{unit} since it goes to {sizes[x.joint]:.3g}" + f", and others are in {unit}" * (not alike))
     belief.by_size = {x.joint for x in open_ones if kinds[x.joint] == "hinge"}
 

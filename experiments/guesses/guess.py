@@ -1,15 +1,16 @@
 """Guess of a mapping of columns from a log and a model: all evidence in its order, and orders of numbered columns."""
 
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, permutations
+from itertools import combinations, compress, permutations
 from math import perm
 from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, Belief, ColumnGroup, TableEntry
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import (
     check_positions,
     check_wrenches_and_torques,
@@ -21,6 +22,7 @@ from experiments.guesses.checks import (
 from experiments.guesses.log_contents import ROUND, check_same_columns, log_contents
 from experiments.guesses.model import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, LITTLE, SAME, ComparedModel, explained
 from experiments.guesses.scores import (
+    FITTING,
     add_assigned,
     add_commands,
     add_poses,
@@ -31,7 +33,7 @@ from experiments.guesses.scores import (
     by_number,
     candidates,
 )
-from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
+from experiments.guesses.words import MEASURED, PARTS, Family, families, suits, unit_of, words
 from experiments.guesses.wrenches import add_wrenches, place_wrenches
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
@@ -44,7 +46,11 @@ MOST = 400
 """Largest number of assignments of columns without names to joints that are tried."""
 
 MODEL, ALPHABET, LABELS, ANY = "the model's", "the alphabetical", "the stated", "the best"
+DRIVER = "the driver's"
 """Orders of joints."""
+
+RTDE = re.compile(r"actual_q[\W_]*#\W?")
+"""Families of positions of Universal Robots' RTDE interface, which numbers joints from the base on."""
 
 UNNAMED = Family("")
 """Family of columns that have no names in common."""
@@ -190,8 +196,14 @@ class OrderSearch:
 
     def of_series(self, several: Sequence[Family], kinds: Sequence[str]) -> list[Order]:
         """Orders of the columns of families as positions, with possible torques of some kinds, and what they leave."""
-        orders = (order for family in several for order in self._orders(family))
+        orders = self.suiting(order for family in several for order in self._orders(family))
         return [own for each in orders for own in self.judged(each, self._torques(each, kinds), self.belief.free)]
+
+    def suiting(self, orders: Iterable[Order]) -> list[Order]:
+        """The orders whose columns state no unit that the positions of their joints cannot have, or else all."""
+        every, kinds = list(orders), self.belief.kinds
+        fit = (all(suits(f"{kinds[joint]} position", x) for joint, x in order.positions.items()) for order in every)
+        return list(compress(every, fit)) or every
 
     def _orders(self, family: Family) -> Iterator[Order]:
         """Orders of as many consecutive columns of a family as there are joints, or of joints as there are columns."""
@@ -201,19 +213,32 @@ class OrderSearch:
             if all(map(own.get, joints)):
                 yield Order(LABELS, {joint: own[joint] for joint in joints}, family)
                 return
-        # All joints, those of a family of that size, or consecutive ones.
+        # All joints, those of a family of that size, or consecutive ones, with the gaps of the columns' numbers.
         n = min(len(names), len(joints))
         alike = [each.names for each in families(joints) if len(each.names) == n < len(joints)]
         runs = [names[first : first + n] for first in range(len(names) - n + 1)]
         runs = [run for run in runs if log.columns.keys() >= set(run)]
-        for targets in alike or [joints[k : k + n] for k in range(len(joints) - n + 1)]:
-            for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): MODEL}.items():
+        steps = [number - family.numbers[0] for number in family.numbers]
+        steps = steps if len(names) == n and steps[-1] < len(joints) else list(range(n))
+        for targets in alike or [tuple(joints[k + i] for i in steps) for k in range(len(joints) - steps[-1])]:
+            by_driver = RTDE.fullmatch(family.template) and family.numbers == tuple(range(len(joints)))
+            numbered = DRIVER if by_driver else MODEL
+            for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): numbered}.items():
                 yield from (Order(label, dict(zip(listed, run, strict=True)), family) for run in runs)
+
+    @property
+    def _with_forces(self) -> Iterator[Family]:
+        """The families, and those that torques of hinges make with forces of slides, each with numbers of its own."""
+        yield from self.families
+        for one, other in combinations([each for each in self.families if each.kind == "torque"], 2):
+            members = [*zip(one.numbers, one.names, strict=True), *zip(other.numbers, other.names, strict=True)]
+            if len(dict(members)) == len(members):
+                yield Family.of(one.template, members)
 
     def _torques(self, order: Order, kinds: Sequence[str]) -> list[dict[str, str]]:
         """Torque columns that may go with positions, at the same places in families; [{}] if torques are known."""
         own, places = order.family, [order.family.names.index(name) for name in order.positions.values()]
-        there = [each for each in self.families if each.is_of_joints and len(each.names) == len(own.names)]
+        there = [each for each in self._with_forces if each.is_of_joints and len(each.names) == len(own.names)]
         for kind in kinds if not self.belief.of("torque") else ():
             every = [[each.names[k] for k in places] for each in there if each.kind == kind and each is not own]
             if not kind and not self.belief.groups and max(places) - min(places) < len(places):
@@ -266,42 +291,55 @@ class OrderSearch:
 
     def _scales(self, order: Order) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
-        log, columns = self.belief.log, order.positions.values()
+        log, kinds = self.belief.log, self.belief.kinds
+        columns = [name for joint, name in order.positions.items() if kinds[joint] == "hinge"]
         units = {unit_of("hinge position", words(name).unit) or log.units.get(name, "") for name in columns} - {""}
         if units:
             return [UNITS["hinge position"].get(units.pop(), 1.0)]
-        largest = max(map(log.largest, columns))
+        largest = max(map(log.largest, columns), default=0.0)
         return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
 
     def add_best(self, every: Sequence[Order], *, ask: bool = True) -> bool:
-        """Adds the order that leaves least, and returns True if it is clearly the best and explains enough."""
+        """Adds the order that leaves least, and returns True if it is clearly the best and explains enough.
+
+        A driver's order is taken unless another is clearly better. With `ask`, what is not clear becomes a draft.
+        """
         every = sorted(every, key=lambda order: order.left)
-        best, twins = every[0], [order for order in every if every[0].is_like(order, self.belief.log.columns)]
+        best = next((own for own in every if own.label == DRIVER and CLEAR * own.left < every[0].left), every[0])
+        twins = [order for order in every if best.is_like(order, self.belief.log.columns)]
         others = [order.left for order in every if order not in twins]
         left, second = best.left, min(others, default=1.0)
+        alone = (not others or best.label in (LABELS, DRIVER)) and best.label != ANY
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
-        alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
-        is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
+        least = LITTLE if alone else enough
+        is_clear = 1 - left >= least and (alone or left <= CLEAR * second)
         copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
+        why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
         if is_clear and (best.family.kind or len(copies) == 1):
             rival = f", otherwise at most {explained(second)}" if others else ""
-            why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
             self._add(replace(best, torques=self._torques_of(best, twins)), why + rival)
             return True
         if ask and is_clear:
             which = "which were measured, and which were commanded, is open"
             self.belief.ask(f"{' and '.join(copies)} are nearly the same: {which}.", self.joints)
         elif ask:
+            needed = f", where it takes {explained(1 - least)}" if 1 - left < least else ""
             rival = f", and {explained(second)} with the next best choice" if others else ""
-            shares = f"With {copies[0]} the model explains {explained(left)} of what is measured{rival}."
+            shares = f"With {copies[0]} the model explains {100 * (1 - left):.1f} % of what is measured{needed}{rival}."
             self.belief.ask(f"The columns of the positions of {_listed(self.joints)} are open. {shares}", self.joints)
+        if ask:
+            self._add(best, f"tried: {why}", DOUBTFUL)
         return False
 
     def add_unmeasured(self, every: Sequence[Order]) -> None:
-        """Adds the only order if nothing is measured to check it; none of several."""
-        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].family.kind == "position":
-            self._add(every[0], f"in {every[0].label} order of the joints, which nothing in the log can confirm")
+        """Adds the only order, or a driver's, if nothing is measured to check it; drafts one of several."""
+        best = next((order for order in every if order.label == DRIVER), every[-1])
+        is_only = len({tuple(order.positions.items()) for order in every}) == 1 and best.family.kind == "position"
+        why = f"in {best.label} order of the joints, which nothing in the log can confirm"
+        if is_only or best.label == DRIVER:
+            self._add(best, why)
             return
+        self._add(best, f"tried: {why}", DOUBTFUL)
         self.belief.ask(
             f"{_listed(every[0].family.names)} may be the positions of {_listed(self.joints)} in several orders. The "
             "log has no wrench and no torque that shows which.",
@@ -322,9 +360,9 @@ class OrderSearch:
         self.belief.torques_undecided = True
         return {}
 
-    def _add(self, order: Order, why: str) -> None:
+    def _add(self, order: Order, why: str, sure: str = LIKELY) -> None:
         """Adds the quantities of an order to the belief."""
-        if order.label != LABELS:
+        if order.label not in (LABELS, DRIVER):
             self.belief.by_place |= set(order.positions)
         rates = assigned(
             by_derivative(self.belief, order.positions, {*order.positions.values(), *order.torques.values()})
@@ -333,7 +371,8 @@ class OrderSearch:
         quantities = {"position": order.positions, "torque": order.torques, "velocity": velocities}
         for kind, columns in quantities.items():
             for joint, column in columns.items():
-                self.belief.add(joint, kind, column, why if kind == "position" else "in the place of the position")
+                reason = why if kind == "position" else "in the place of the position"
+                self.belief.add(joint, kind, column, reason, sure)
 
 
 def add_series(belief: Belief) -> None:
@@ -365,12 +404,13 @@ def add_any(belief: Belief) -> None:
     lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
     still = any(x.column not in log.columns for x in positions.values())
     names, others = candidates(belief, len(lacking))
+    names = [name for name in names if words(name).kind in FITTING["position"]]
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
     if perm(len(names), len(lacking)) <= MOST:
         search = OrderSearch(ComparedModel.of(belief, names), lacking)
         orders = (Order(ANY, dict(zip(lacking, each, strict=True))) for each in permutations(names, len(lacking)))
-        search.add_best([own for order in orders for own in search.judged(order, [{}], others)])
+        search.add_best([own for order in search.suiting(orders) for own in search.judged(order, [{}], others)])
     elif alike := _alike(belief, len(lacking)):
         search = OrderSearch(ComparedModel.of(belief, alike[0].names), lacking)
         search.add_best(search.swapped(*alike))

@@ -12,13 +12,23 @@ import numpy as np
 from experiments.guesses.words import words
 from ident.display.brief import listed
 from ident.errors import LogError
+from ident.files.arrays import STAMPS
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, files_of, has_several_clocks, name_of, read_clocks, read_files, read_tables
-from ident.files.table import FAR, TIME, TRUE, UNITS, Columns, Table, is_number
+from ident.files.table import COUNT, FAR, TIME, TRUE, UNITS, Columns, Table, is_number
 from ident.recordings.channels import rate_factor, rate_factors, with_continuous_angles
 from ident.recordings.mapping import clocks
-from ident.recordings.times import GAP, Sampled, check_samples, interpolated, rate_of, streams_of, uniform_times
+from ident.recordings.times import (
+    GAP,
+    Sampled,
+    check_samples,
+    going_back,
+    interpolated,
+    rate_of,
+    streams_of,
+    uniform_times,
+)
 
 ROWS = 20_000
 """Largest number of samples that are read."""
@@ -37,7 +47,8 @@ class ClockColumn(NamedTuple):
     """A column of times.
 
     Attributes:
-        entry: Its entry in a mapping: column and unit, or the samples per second of a file without times, Hz.
+        entry: Its entry in a mapping: column and unit, columns that are added, or the samples per second of a file
+            without times, Hz.
         why: Reason for this choice.
     """
 
@@ -65,6 +76,8 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if _is_named_time(name)]
+    if not named and (stamp := _stamp_of(table, columns)):
+        return stamp
     if rate and not named:
         return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
@@ -73,6 +86,8 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     candidates = named or [name for name in steady or growing if name not in counters]
     if not candidates:
         meant = next((name for name in table.cells if _is_named_time(name)), None)
+        if meant in columns and (steps[meant] < 0).any():
+            raise LogError(f"its times do not grow: {going_back(table, meant, columns[meant], words(meant).unit)}")
         why = f", of {listed(columns)}" if meant is None else f": {_fault_of_times(table, meant, columns, unread)}"
         why = f": '{counters[0]}' counts samples" if counters and meant is None else why
         raise LogError(
@@ -93,6 +108,26 @@ def clock_of(table: Table, rate: float = 0.0) -> ClockColumn:
     return ClockColumn({"column": column, "unit": unit}, f"{what}; {unit} since {how}")
 
 
+def _stamp_of(table: Table, columns: Mapping[str, np.ndarray]) -> ClockColumn | None:
+    """ROS's whole seconds and the nanoseconds beside them; None without such columns.
+
+    Raises:
+        LogError: They go back.
+    """
+    ends = ((name, end, beside) for name in columns for end, beside in STAMPS if name.endswith(end))
+    pairs = [(name, name.removesuffix(end) + beside) for name, end, beside in ends]
+    for pair in (pair for pair in pairs if pair[1] in columns):
+        entry = {"columns": list(pair), "weights": [1, 1e-9], "unit": "s"}
+        clock = ClockColumn(entry, "whole seconds, and nanoseconds beside them")
+        (total,) = clock.columns.sums
+        time = total.of([columns[name] for name in pair], len(table.rows))
+        if (np.diff(time) < 0).any():
+            raise LogError(f"its times do not grow: {going_back(table, total.name, time)}")
+        if np.median(np.diff(time)) > 0:
+            return clock
+    return None
+
+
 def _is_named_time(name: str) -> bool:
     return words(name).kind == "time" or words(name).unit in UNITS["time"]
 
@@ -101,10 +136,9 @@ def _fault_of_times(table: Table, name: str, columns: Mapping[str, np.ndarray], 
     """Reason for which a column that is named like times has none."""
     if name in unread:
         return unread[name].rstrip(".")
-    empty, back = np.isnan(columns[name]), np.diff(columns[name], prepend=-np.inf) < 0
-    for wrong, what in ((empty, "is empty"), (back, "goes back in time")):
-        if wrong.any():
-            return f"{table.row(int(wrong.argmax()))}, column '{name}' {what}"
+    empty = np.isnan(columns[name])
+    if empty.any():
+        return f"{table.row(int(empty.argmax()))}, column '{name}' is empty"
     return f"column '{name}' repeats most of its times"
 
 
@@ -168,7 +202,7 @@ class LogContents:
     @property
     def times(self) -> set[str]:
         """Columns of times."""
-        return {clock.entry["column"] for clock in self.clocks if "column" in clock.entry}
+        return {name for clock in self.clocks for name in clock.columns.read} - {COUNT}
 
     def largest(self, name: str) -> float:
         """Largest size of a column."""
@@ -268,6 +302,7 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         if table is None:
             raise LogError("it has no rows of numbers.")
         clock = clock_of(table, rate)
+        table = replace(table, sums={each.name: each for each in clock.columns.sums})
         return layout, clock, table.counted(clock.columns)
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
@@ -320,7 +355,7 @@ def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
         # If times repeat or go back, the first ones are kept.
         table = table.where(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         numbers, errors = _numbers(table)
-        names = [name for name in numbers if name not in clock.names]
+        names = [name for name in numbers if name not in clock.read]
         table, _ = with_continuous_angles(table, dict.fromkeys(names, WHOLE_TURNS), notes)
         channels = {name: table.column(name, FAR, gaps=True)[:, None] for name in names}
         streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)

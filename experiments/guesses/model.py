@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import Belief
+from experiments.guesses.words import unit_of, words
 from ident.errors import ModelError
 from ident.estimation.equations import COMPONENTS, SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
+from ident.files.table import UNITS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -91,7 +93,8 @@ class ComparedModel:
             angle, x = scale if kind == "hinge" else 1.0, known.get(joint)
             out[joint] = np.zeros((3, size))
             if joint in positions:
-                out[joint] = self.states[positions[joint]] * angle
+                stated = unit_of(f"{kind} position", words(positions[joint]).unit)
+                out[joint] = self.states[positions[joint]] * UNITS[f"{kind} position"].get(stated, angle)
             elif x and x.column in self.states:
                 out[joint] = self.states[x.column] * x.gain * (self.belief.factor(x) if x.unit else angle)
             elif x and x.column in self.belief.log.constant:

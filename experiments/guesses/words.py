@@ -77,6 +77,9 @@ UNIT = re.compile(
 BRACKETED = {"m": "m", "n": "N", "a": "A", "%": "%", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
 """Units that count only in brackets, as their letters have many other uses."""
 
+LAST = re.compile(r"(?i:.(?:current|strom)s?[\W_\d]*)[\W_]A$|(?i:(?:force|kraft|(?<![a-z])f)[\W_\d]*)[\W_]N$")
+"""A or N at the end of a current's or a force's name."""
+
 OF_UNIT = {
     **dict.fromkeys(("N m", "N mm", "kN m"), "torque"),
     **dict.fromkeys(CURRENT, "current"),
@@ -154,8 +157,8 @@ def without_unit(name: str) -> tuple[str, str, str]:
         spelling, seconds, power = re.sub(r"\s", "", match[1].lower()).partition("/s")
         if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
             return name[: match.start()] + name[match.end() :], unit, seconds + power
-    if re.search(r"(?i:.(?:current|strom)s?[\W_\d]*)[\W_]A$", name):
-        return name[:-1], "A", ""
+    if LAST.search(name):
+        return name[:-1], name[-1], ""
     for match in reversed(list(UNIT.finditer(name))):
         spelling = match[1].lower()
         if match.start() or spelling in ANGLES:
@@ -204,6 +207,18 @@ def unit_of(quantity: str, stated: str) -> str:
     return next((unit for unit in (stated, stated + rate) if stated and unit in UNITS[quantity]), "")
 
 
+def suits(quantity: str, name: str) -> bool:
+    """True unless a name states the unit of an angle, and the quantity of `UNITS` is a length, or the reverse."""
+    unit = words(name).unit
+    return shown_by(unit) != "position" or bool(unit_of(quantity, unit))
+
+
+def shown_by(unit: str) -> str:
+    """The quantity that a unit shows of joints: lengths are positions, and forces torques."""
+    quantity = "position" if unit in UNITS["length"] else OF_UNIT.get(unit, unit)
+    return "torque" if quantity == "force" else quantity
+
+
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
 """Words of families that are not of joints."""
 
@@ -213,7 +228,7 @@ class Family:
     """Names that differ by a number alone.
 
     Attributes:
-        template: The common text, with `#` for the number.
+        template: The common text without units, with `#` for the number, and the quantity that the units show.
         numbers: The numbers, in their order.
         names: The names in this order.
         kind: The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it.
@@ -235,7 +250,9 @@ class Family:
     def of(cls, template: str, members: Iterable[tuple[int, str]]) -> "Family":
         """The family of some numbered names."""
         numbers, names = zip(*sorted(members), strict=True)
-        about, parts = words(names[0]), {part.lower() for part in PARTS.findall(names[0])}
+        # Of angles and lengths in one family, only angles state that they are positions.
+        about = next(filter(lambda each: each.kind, map(words, names)), words(names[0]))
+        parts = {part.lower() for part in PARTS.findall(names[0])}
         # Gazebo calls the torque of a hinge a force; among several columns, T1 and T2 are torques.
         kind = "torque" if about.kind == "force" or (about.kind == "time" and "t" in parts) else about.kind
         return cls(template, numbers, names, kind, parts.isdisjoint(ELSEWHERE) and about.measured and kind != "time")
@@ -254,10 +271,12 @@ def families(names: Iterable[str]) -> list[Family]:
 
 def _templates(name: str) -> dict[str, int]:
     """Numbers in a name by the text around them, without units; those of `q.x` in arrays of three or four."""
-    bare = re.sub(r"\s*[\[(]\s*[^\])\d]*[\])]\s*$", "", name.lower())
+    bare, unit, seconds = without_unit(name)
+    bare = re.sub(r"\s*[\[(]\s*[^\])\d]*[\])]\s*$", "", bare.lower()).rstrip(" _")
     if array := re.fullmatch(r"(\D+\.)([wxyz])", bare):
         return {f"{array[1]}#": "wxyz".index(array[2])}
-    return {f"{bare[: m.start()]}#{bare[m.end() :]}": int(m[0]) for m in re.finditer(r"\d+", bare) if len(m[0]) < 7}
+    shown, numbers = f" {shown_by(unit)}{seconds}".rstrip(), re.finditer(r"\d+", bare)
+    return {f"{bare[: m.start()]}#{bare[m.end() :]}{shown}": int(m[0]) for m in numbers if len(m[0]) < 7}
 
 
 _WHOSE = r"([\W_\d]*|(?:[\W_]+[a-z\d]+)+?[\W_]+)"

@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, TableEntry, named
+from experiments.guesses.belief import DOUBTFUL, LIKELY, OPEN, SETUP, SURE, Belief, ColumnGroup, TableEntry, named
 from experiments.guesses.model import (
     CLEAR,
     ENOUGH,
@@ -50,6 +50,10 @@ Parts = dict[Component, str]
 
 PARTS = {"force": slice(0, 3), "torque": slice(3, 6)}
 """Components of forces and of moments."""
+
+UNPLACED = 0.2
+"""Standard deviation of the place of a sensor that nothing states, m: most flanges are 4 to 25 cm beyond the frame of
+the last body."""
 
 
 def add_wrenches(belief: Belief) -> None:
@@ -224,9 +228,6 @@ def place_wrenches(model: ComparedModel) -> None:
         if group.is_inner:
             body = str(group.entries["body"].value)
             _turn_inner(group, model, inside[body])
-            origin = "of the sensor in the frame of that body, m: its moments depend on it"
-            if "torque" in group.entries:
-                group.entries.setdefault("position", TableEntry([0.0, 0.0, 0.0], origin, LIKELY))
             whole = all(kind in group.entries and all(group.entries[kind].value) for kind in PARTS)
             if not whole or belief.of("torque") or any(not other.is_inner for other in belief.groups.values()):
                 group.entries["body"].sure = DOUBTFUL
@@ -235,6 +236,21 @@ def place_wrenches(model: ComparedModel) -> None:
                     f"The wrench '{group.name}' is that of what '{body}' carries. It stays a remark {use}, since "
                     "`identify` would take it for a contact."
                 )
+            if "torque" in group.entries and "position" not in group.entries:
+                _ask_position(belief, group)
+
+
+def _ask_position(belief: Belief, group: ColumnGroup) -> None:
+    """Asks for the position of a sensor, which `payload` estimates until it is stated."""
+    what = "unknown, of the sensor in the frame of that body, m: its moments depend on it"
+    group.entries["position"] = TableEntry([0.0, 0.0, 0.0], what, OPEN)
+    belief.ask(
+        f"It is open where the sensor of '{group.name}' is in the frame of '{group.entries['body'].value}': correct "
+        f"its position. Until then origin = {UNPLACED} under [setup] lets `payload` estimate it from the motion."
+    )
+    if not group.is_doubtful:
+        origin = TableEntry(UNPLACED, "standard deviation of the sensor's position, m; leave it out if you measure it")
+        belief.poses[SETUP] = ColumnGroup(SETUP, {"origin": origin})
 
 
 def _varying(x: np.ndarray) -> np.ndarray:

@@ -213,7 +213,7 @@ def _of_file(file: Path, layout: Layout, clock: Columns | None, limit: int) -> l
 def _timed(table: Table, clock: Columns | None) -> Table:
     """The table with its times in the column `time` in s."""
     named = [name for name in (TIME, "t") if name in table.cells] if clock is None else list(clock.read)
-    if len(named) != 1 or named[0] not in table.cells:
+    if (clock is None and len(named) != 1) or not table.cells.keys() >= set(named):
         needed = f"times in a column '{named[0]}'" if clock else f"one column of times, {TIME} or t"
         raise LogError(
             f"it needs {needed}, or the mapping the columns of times of all files, time = [...], and in it "
@@ -223,7 +223,7 @@ def _timed(table: Table, clock: Columns | None) -> Table:
     seconds = replace(table, sums={each.name: each for each in clock.sums}).column(clock.names[0]) * clock.factor
     if np.isnan(seconds).any():
         raise LogError(f"column '{named[0]}' is empty, but a log needs times.")
-    others = {name: x for name, x in table.cells.items() if name != named[0] and not name.startswith(TRUE)}
+    others = {name: x for name, x in table.cells.items() if name not in named and not name.startswith(TRUE)}
     units = {name: unit for name, unit in table.units.items() if name in others}
     return replace(table, cells={TIME: seconds, **others}, units=units)
 

@@ -356,8 +356,7 @@ def increasing(
     """Indices of the samples, without those that repeat the one before; with gaps, without all that repeat its time."""
     steps = np.diff(time)
     if (steps < 0).any():
-        i = int((steps < 0).argmax()) + 1
-        raise LogError(f"{table.row(i)}, column '{name}' goes back in time by {-steps[i - 1]:g} s; sort the log.")
+        raise LogError(going_back(table, name, time))
     repeated = np.append(False, steps == 0)
     same = [
         all(np.array_equal(x[i], x[i - 1], equal_nan=True) for x in channels.values()) for i in np.flatnonzero(repeated)
@@ -373,6 +372,22 @@ def increasing(
         what = "Samples that repeat the one before" if all(same) else "Samples at the time of the one before"
         notes.append(f"{what} were dropped: {int(repeated.sum())}, the first is {first}.")
     return np.flatnonzero(~repeated)
+
+
+def going_back(table: Table, name: str, time: np.ndarray, unit: str = "s") -> str:
+    """Sentence on times that go back (N,), and what to do: to sort single rows that are late, to part two motions."""
+    first, *more = (np.flatnonzero(np.diff(time) < 0) + 1).tolist()
+    step = f"{time[first - 1] - time[first]:g} {unit}".rstrip()
+    back = f"{table.row(first)}, column '{name}' goes back in time by {step}"
+    late = time < np.fmax.accumulate(time)
+    if not (late[1:] & late[:-1]).any():
+        return f"{back}; sort the log."
+    rows, end = table.rows, [*more, len(time)][0]
+    spans = f"[{rows[0]}, {rows[first - 1]}] or [{rows[first]}, {rows[end - 1]}]"
+    return (
+        f"{back} and goes on from there: a clock was reset, or another motion begins, and sorting would interleave "
+        f"both. Make logs of the parts, or take one by [select] rows = {spans} in the columns file."
+    )
 
 
 def _has_gaps(x: np.ndarray) -> bool:

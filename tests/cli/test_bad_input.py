@@ -141,7 +141,7 @@ REFUSED = [
     ("columns pendulum.xml empty.csv --base base", "the file is empty"),
     ("columns pendulum.xml words.csv --base base", "needs a table with two columns of numbers"),
     ("columns pendulum.xml timeless.csv --base base", "no column of it grows as times do"),
-    ("columns pendulum.xml back.csv --base base", "as times do: row 22, column 'time' goes back in time; a log"),
+    ("columns pendulum.xml back.csv --base base", "row 22, column 'time' goes back in time by 19 and goes on"),
     ("columns pendulum.xml hours.csv --base base", "do: row 2, column 'time' needs a number, got '12:00:00'; a log"),
     ("columns pendulum.xml log.csv --base base --out log.csv --force", "is read; choose another by --out"),
     ("compare a a", "needs two or more different folders"),

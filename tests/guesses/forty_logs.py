@@ -163,7 +163,7 @@ def _rtde():
     beside |= series("actual_TCP_pose_{}", noise(robot, 6)) | series("actual_TCP_force_{}", noise(robot, 6, 5.0, 9))
     how = {"clock": clock, "scale": (1.0, 1.0, 1 / gains), "beside": beside}
     yield replace(arm(tool, "record.py with currents", robot, q, dq, "actual_current_{}", **how), between=" ")
-    yield arm(tool, "positions alone", robot, q, dq, clock=clock, asked=True)
+    yield arm(tool, "positions alone", robot, q, dq, clock=clock)
     yield arm(tool, "beside a sensor at the base", robot, q, clock=clock, wrench=("base_f{}", "base_t{}"))
     clock, patterns = ("t", 1.0, 0.0), ("q{}", "qd{}", "joint_torque_{} [Nm]")
     yield arm(tool, "one-based, torques in N m", robot, *patterns, first=1, clock=clock)

@@ -3,12 +3,13 @@
 import json
 import re
 from importlib.resources import files
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 import wrist
-from guesses.forty_logs import seven
+from guesses.forty_logs import series, seven
 from guesses.odd_logs import DEG, belief_of, read_as_guessed, text, vector
 from mechanisms import by_joint, sines
 
@@ -86,6 +87,52 @@ def test_torques_have_the_numbers_of_positions_that_are_named_exactly(tmp_path, 
     assert mapped(belief, "torque") == {f"joint{k}": torque.format(k) for k in (1, 2, 3)}
 
 
+MIXED = tuple(f"axis{k}" for k in range(1, 5))
+
+
+def with_slide():
+    """Arm whose third joint is a slide, and its positions and torques (N, 4)."""
+    axes = zip(MIXED, ("l1", "l2", "l3", "l4"), ("0 0 .1", "0 0 .2", ".3 0 0", "0 0 .1"), "zyxy", strict=True)
+    vectors = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    chain = "".join(LINK.format(*own, vectors[axis], 'diaginertia=".02 .01 .02"') for *own, axis in axes)
+    chain = chain.replace('name="axis3" axis', 'name="axis3" type="slide" axis')
+    arm = sim.mechanism(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{chain}{4 * '</body>'}</worldbody></mujoco>"))
+    rng, size = np.random.default_rng(4), np.array([0.5, 0.4, 0.1, 0.5])[:, None]
+    q, *rates = sines(
+        TIME, size * rng.uniform(0.3, 1, (4, 4)), np.array([0.9, 1.7, 2.9, 4.1]), rng.uniform(0, 6, (4, 4))
+    )
+    exact = predicted_channels(arm, Motion(q, *rates), np.eye(4), torques=True)
+    tau = np.stack([exact[joint] for joint in MIXED], axis=1)
+    return arm, q + 1e-5 * rng.normal(size=q.shape), tau + 0.02 * rng.normal(size=tau.shape)
+
+
+@pytest.mark.parametrize("pattern", ["axis{}_pos_{}/axis{}_torque_Nm/axis{}_force_N", "A{}_{}/T{}_Nm/F{}_N"])
+@pytest.mark.parametrize("lacks_slide", [False, True])
+def test_a_slide_among_hinges_has_the_column_of_its_number_and_unit(tmp_path, pattern, lacks_slide):
+    arm, q, tau = with_slide()
+    position, torque, force = pattern.split("/")
+    units, forces = ("deg", "deg", "mm", "deg"), (torque, torque, force, torque)
+    positions = [position.format(k, unit) for k, unit in enumerate(units, start=1)]
+    torques = [name.format(k) for k, name in enumerate(forces, start=1)]
+    kept = [0, 1, 3] if lacks_slide else [0, 1, 2, 3]
+    columns = {positions[k]: (DEG if units[k] == "deg" else 1e3) * q[:, k] for k in kept}
+    belief = belief_of(tmp_path, columns | {torques[k]: tau[:, k] for k in kept}, arm)
+    assert mapped(belief, "position") == {MIXED[k]: positions[k] for k in kept}, belief.open
+    assert mapped(belief, "torque") == {MIXED[k]: torques[k] for k in kept}
+    assert {x.unit for x in belief.of("position").values()} == {units[k] for k in kept}
+    assert [sentence for sentence in belief.open if "'axis3'" in sentence] == belief.open and any(
+        belief.open
+    ) == lacks_slide
+
+
+def test_a_slide_is_not_measured_in_degrees(tmp_path):
+    arm, q, tau = with_slide()
+    columns = {f"{joint}_deg": DEG * x for joint, x in zip(MIXED, q.T, strict=True)}
+    belief = belief_of(tmp_path, columns | by_joint(MIXED, torque=tau), arm)
+    assert mapped(belief, "position") == {joint: f"{joint}_deg" for joint in MIXED if joint != "axis3"}
+    assert "The position of 'axis3', a slide, may be in axis3_deg, whose name states deg" in belief.open[0]
+
+
 @pytest.mark.parametrize(("reversed_", "factor"), [("lift", 1.0), ("elbow", DEG)])
 def test_a_reversed_encoder_does_not_change_the_unit(tmp_path, reversed_, factor):
     """Of small motions, which a model whose angles are far too small explains better than one of opposite sign."""
@@ -154,6 +201,27 @@ def test_a_counter_of_samples_is_no_time(tmp_path):
     assert believed(ARM, [tmp_path / "log.csv"], rate=100.0).complete
 
 
+@pytest.mark.parametrize("torque", ["actual_current_{}", None])
+def test_numbers_of_a_known_driver_are_those_of_the_joints(tmp_path, torque):
+    """Also where the model explains less than half of what is measured, for friction, or nothing is measured."""
+    joints = ("shoulder", "lift", "elbow")
+    arm = sim.mechanism(mujoco.MjSpec.from_string(MODEL.replace('"pan"', '"shoulder"')))
+    rubs = TAU + [16, 16, 8] * np.sign(np.gradient(Q, axis=0))
+    rubs += 3 * np.random.default_rng(0).normal(size=rubs.shape)
+    columns = series("actual_q_{}", Q) | (series(torque, rubs) if torque else {})
+    belief = belief_of(tmp_path, columns, arm)
+    assert mapped(belief, "position") == {joint: f"actual_q_{k}" for k, joint in enumerate(joints)}
+    others = {name.replace("actual_q", "motor_q"): x for name, x in columns.items()}
+    belief, path = belief_of(tmp_path, others, arm), tmp_path / "log.toml"
+    write_mapping(path, belief)
+    assert mapped(belief, "position") == {}
+    assert '# position = { column = "motor_q_0", unit = "rad" }    # ? tried: in the model\'s order' in path.read_text()
+    assert torque is None or "what is measured, where it takes 50 %" in belief.open[0]
+    backwards = series("actual_q_{}", Q[:, ::-1]) | series("tau_{}", TAU[:, ::-1])
+    reverse = {joint: f"actual_q_{2 - k}" for k, joint in enumerate(joints)}
+    assert mapped(belief_of(tmp_path, backwards, arm), "position") == reverse
+
+
 @pytest.mark.parametrize(("current", "unit"), [("{n}_current_A", "A"), ("motor_current_{} [mA]", "mA")])
 def test_currents_that_the_model_does_not_explain_ask_for_their_gains(tmp_path, current, unit):
     rubs = TAU / 4 + 2 * np.sign(np.gradient(Q, axis=0))
@@ -210,9 +278,9 @@ def test_the_only_position_is_that_of_the_only_joint_and_what_follows_it_its_com
     assert mapped(belief, "command") == ({"lift": own[1]} if command else {})
 
 
-def with_sensor(force, torque):
+def with_sensor(force, torque, text=None):
     """Columns of an arm with a sensor at its wrist."""
-    log = wrist.log(seconds=6.0, rate=50.0)
+    log = wrist.log(seconds=6.0, rate=50.0, text=text)
     columns = {"time": log.time} | {f"{joint}_position": log[f"{joint}_position"] for joint in wrist.JOINTS}
     return columns | vector(force, log["wrist_force"] + 3) | vector(torque, log["wrist_torque"])
 
@@ -221,8 +289,8 @@ def of_sensor(folder, columns):
     """The only wrench of a log, and the belief."""
     belief = belief_of(folder, columns, ROBOT)
     (group,) = belief.groups.values()
-    assert group.name != "ground" and group.is_inner and group.entries["body"].value == "tool" and belief.open == []
-    assert group.entries["unit"].value == "N"
+    assert group.name != "ground" and group.is_inner and group.entries["body"].value == "tool"
+    assert group.entries["unit"].value == "N" and all("correct its position" in sentence for sentence in belief.open)
     return group, belief
 
 
@@ -247,15 +315,24 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys):
     sensor = read_as_guessed(tmp_path, belief, ROBOT).sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, wrist.sensors()["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link
+    assert belief.open == []
+
+
+def test_a_wrist_sensor_whose_place_nothing_states_is_asked_about_and_calibrated(tmp_path, capsys):
+    """It is 10 cm from the frame of the body: intervals hold with the file as it is written."""
     path, model, mapping = (tmp_path / name for name in ("log.csv", "arm.xml", "log.toml"))
-    path.write_text(text(with_sensor("FT{}", "MT{}")), encoding="utf-8")
+    farther = wrist.model().replace('name="wrist" pos="0 0 0.01"', 'name="wrist" pos="0 0 0.1"')
+    path.write_text(text(with_sensor("FT{}", "MT{}", farther)), encoding="utf-8")
     model.write_text(wrist.model())
     assert command.main([str(model), str(path)]) == 0
-    *_, last = capsys.readouterr().out.strip().splitlines()
+    *lines, last = capsys.readouterr().out.strip().splitlines()
+    assert any(line.startswith("Open: It is open where the sensor of ") for line in lines)
     payload, name = last.rsplit(" ", 1)
     assert payload == f"multicontact payload {model} {path} --columns {mapping} --body tool --sensor"
     payload = identify_payload(ROBOT, ident.read_log(path, ROBOT, mapping), body="tool", sensor=name)
-    assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
+    low, high = payload.in_frame().intervals.T
+    truth = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])
+    assert ((low < truth) & (truth < high)).all() and high[0] - low[0] < 0.02
 
 
 def test_a_time_that_is_repeated_with_other_values_takes_gaps(tmp_path):
@@ -303,6 +380,24 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
     belief = believed(ARM, [tmp_path / "log.jsonl"])
     for kind, name in (("position", "position"), ("torque", torque)):
         assert mapped(belief, kind) == {n: f"{name}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
+
+
+@pytest.mark.parametrize("ends", [("secs", "nsecs"), ("sec", "nanosec")])
+def test_whole_seconds_and_nanoseconds_are_one_time(tmp_path, ends):
+    """In one file, and in each of two."""
+    stamps = {f"header.stamp.{ends[0]}": 1_700_000_000 + TIME // 1, f"header.stamp.{ends[1]}": np.rint(TIME % 1 * 1e9)}
+    positions, torques = by_joint(JOINTS, position=Q), by_joint(JOINTS, torque=TAU)
+    for logs in ([positions | torques], [positions, torques]):
+        paths = [tmp_path / f"{k}.csv" for k in range(len(logs))]
+        for path, columns in zip(paths, logs, strict=True):
+            path.write_text(text(stamps | columns), encoding="utf-8")
+        log = Path("+".join(map(str, paths)))
+        belief = believed(ARM, [log])
+        write_mapping(tmp_path / "log.toml", belief, force=True)
+        assert belief.unused == [] and mapped(belief, "torque") == {joint: f"{joint}_torque" for joint in JOINTS}
+        recording = ident.read_log(log, ARM, tmp_path / "log.toml")
+        np.testing.assert_allclose(recording.time, TIME, atol=1e-6)
+        np.testing.assert_allclose(recording["lift_position"], Q[:, 1], atol=1e-6)
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):

@@ -150,6 +150,11 @@ LOGS = [
     (text({**PLAIN, "q_hip": T * np.nan}), "column 'q_hip' is empty, but joints.hip.position needs it"),
     (retimed(T * np.nan), "column 'time' is empty, but a log needs times"),
     (retimed(np.where(COUNT == 20, 0.1, T)), "row 22, column 'time' goes back in time by 0.09 s; sort the log"),
+    (retimed(np.where(COUNT < 20, T + 9, T)), "one by [select] rows = [2, 21] or [22, 41] in the columns file"),
+    (
+        retimed(np.where(COUNT < 20, T, T - 0.1)),
+        "goes back in time by 0.09 s and goes on from there: a clock was reset",
+    ),
     (retimed(np.where(COUNT == 20, T[19], T)), "row 22, column 'time' repeats the time"),
     (text({name: 0 * x for name, x in PLAIN.items()}), "10 samples at different times, it has 1"),
     (retimed(T + (T > 0.2) * 0.03), "row 23, column 'time' has a gap of 0.04 s, from 0.2 s to 0.24 s, where"),
