@@ -71,7 +71,9 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured():
     samples = SimpleNamespace(motion=Motion(*np.zeros((3, 4, 2))))
     for measured_on, distance, doubted in (("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)):
         evidence = of_checks(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0))
-        evidence.ratios, evidence.mechanism = dict.fromkeys(range(6), 0.5), PENDULUM
+        # Channels in which noise alone is left show no contact.
+        evidence.idle, evidence.mechanism = dict.fromkeys(range(4), "noise"), PENDULUM
+        evidence.ratios = dict.fromkeys(range(4), 0.2) | dict.fromkeys(range(4, 7), 0.5)
         recording = SimpleNamespace(sensors={"tip": Sensor(measured_on)})
         evidence.prepared = SimpleNamespace(recording=recording, samples=samples)
         assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
