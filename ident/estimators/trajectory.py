@@ -41,7 +41,8 @@ def trajectory(problem: Problem) -> Estimate:
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
     # No search if the set-up is exact, or if something is grossly wrong.
-    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(part.log) for part in problem.fitted)
+    wrong = not problem.guessed and any(_grossly_wrong(part.log) for part in problem.fitted)
+    search = any({**PRIORS, **problem.setup}.values()) and not wrong
     columns = with_offsets if problem.offsets else equations
     estimate = partial(
         trajectory_estimate,
