@@ -116,8 +116,11 @@ def quality_table(result: Estimate) -> tabular.Table:
             rows.append((f"{channel}, at rest", *resting, "not judged: friction is anything up to breakaway"))
         units += [channel_unit(channel, tree)] * (len(rows) - len(units))
     heads = {"ratio_model_as_it_came": "ratio, model as it came", "ratio_least_squares": "ratio, least squares"}
-    title, names = f"Prediction of the {held.part} part", ("channel", *columns, "note")
-    return tabular.Table(title, names, rows, units=tuple(units), heads=heads)
+    title, names, more = f"Prediction of the {held.part} part", ("channel", *columns, "note"), ""
+    if lacking := not_held(updated_file(result.prepared.mechanism), result):
+        heads["ratio_updated_model"] = "ratio, updated model*"
+        more = f"With all drives beside its bodies. {lacking[0]}"
+    return tabular.Table(title, names, rows, units=tuple(units), heads=heads, footnote=more)
 
 
 def full_table(result: Estimate) -> tabular.Table:
@@ -182,7 +185,7 @@ def document(
         verdict=str(result.verdict()),
         pictures=[*page.first_screen(result)],
         findings=[*map(Card.of, result.findings)],
-        lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
+        lines=[*data_lines(result), *not_held(updated, result), *following_lines(following)],
         heading="The recording",
         folded={"Bodies by number": [", ".join(f"{k} is {name}" for k, name in enumerate(bodies, 1))]},
         tables={
@@ -260,7 +263,7 @@ def updated_file(mechanism: Mechanism) -> str | None:
     return "model.urdf" if file and parsed(Path(file)).tag == "robot" else "model.xml"
 
 
-def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
+def not_held(updated: str | None, result: Estimate) -> list[str]:
     """Line on the fitted drives that the updated model's format cannot hold."""
     if not updated:
         return []
