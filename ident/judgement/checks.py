@@ -274,6 +274,13 @@ class Checks(NamedTuple):
     contact: ContactCheck | None = None
     torques: TorqueChecks | None = None
 
+    @property
+    def grossly_wrong(self) -> bool:
+        """True if gravity, a wrench or a torque has another direction, frame, sign or unit than stated."""
+        turned = self.gravity is not None and self.gravity.suspicious
+        wrench = self.base is not None or any(each.suspicious or each.mirrored for each in self.frames.values())
+        return turned or wrench or (self.torques is not None and self.torques.grossly_wrong)
+
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     """Makes all checks that can be made; those against the model's weight only if gravity is as stated.
