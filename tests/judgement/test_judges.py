@@ -79,6 +79,20 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured():
         assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
 
 
+def test_the_mass_that_is_weighed_and_estimated_alike_is_told_once(monkeypatch):
+    for value, measured, codes in (
+        (56.0, 56.5, {"mass_or_common_gain": False}),
+        (56.0, 53.0, {"weight_differs": False, "mass_or_common_gain": False}),
+        (51.0, 56.5, {"weight_differs": False}),
+        (70.0, 70.0, {"weight_differs": True, "mass_or_common_gain": False}),
+    ):
+        mass = mass_findings.Mass(value, 0.1, 0.2)
+        monkeypatch.setattr(mass_findings, "estimated_mass", lambda evidence, mass=mass: mass)
+        evidence = of_checks(weight=Weight(measured, 50, 0))
+        evidence.setup = ()
+        assert {each.code: each.doubt for each in mass_findings.weight_findings(evidence)} == codes
+
+
 def test_the_weight_may_not_drift_either_way(monkeypatch):
     monkeypatch.setattr(mass_findings, "estimated_mass", lambda evidence: None)
     for drift in (0.015, 0.025, -0.015, -0.025):
