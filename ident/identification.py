@@ -203,7 +203,6 @@ def identified(
     setup: Mapping[str, float] | None = None,
     known: Mapping[str, float] | bool | None = None,
     physical: bool = False,
-    guessed: bool = False,
     executor: Executor | None = None,
     report: Report | None = None,
 ) -> Estimate:
@@ -213,7 +212,6 @@ def identified(
         logs: Mechanism and recording, one or several.
         estimator: As for `identify`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
         judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
-        guessed: True if the model's bodies are a guess that shows neither unmeasured contacts nor gross errors.
         executor: Executor for the pieces of the trajectory estimate.
         report: Called with every round of the trajectory estimate, and its step in standard deviations.
 
@@ -242,8 +240,7 @@ def identified(
     setup, stated = (checked_setup(each, tree.compounds) for each in (setup, logs[0].recording.setup))
     if "centre" in setup:
         stated = {name: std for name, std in stated.items() if not name.startswith("centre(")}
-    if not guessed:
-        logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
+    logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
     check_choices(estimator, own=own, physical=physical, setup=setup)
     if ESTIMATORS[estimator].filters:
         logs = [_as_stated(log, setup) for log in logs]
@@ -266,7 +263,6 @@ def identified(
         setup={**stated, **setup},
         own=own,
         physical=physical,
-        guessed=guessed,
         executor=executor,
         report=report,
     )

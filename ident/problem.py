@@ -53,7 +53,6 @@ class Problem:
         setup: Standard deviations of the set-up that replace the default ones.
         own: Parameters that each recording has separately: `offset`, `delay`.
         physical: True if the bodies must be physical.
-        guessed: True if the model's bodies are a guess that shows no gross errors.
         executor: Executor for the pieces of an estimate, by default none.
         report: Called with every round, and its step in standard deviations.
     """
@@ -67,7 +66,6 @@ class Problem:
     setup: Mapping[str, float] = field(default_factory=dict)
     own: Sequence[str] = ()
     physical: bool = False
-    guessed: bool = False
     executor: Executor | None = None
     report: Report | None = None
 

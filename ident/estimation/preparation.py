@@ -79,6 +79,7 @@ class Prepared:
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
         resting: Joints that rest, which excite no friction.
+        guessed: True if the model's bodies are a guess that shows neither unmeasured contacts nor gross errors.
     """
 
     mechanism: Mechanism
@@ -97,6 +98,7 @@ class Prepared:
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
     resting: tuple[str, ...] = ()
+    guessed: bool = False
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""

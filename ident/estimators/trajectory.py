@@ -41,8 +41,7 @@ def trajectory(problem: Problem) -> Estimate:
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
     # No search if the set-up is exact, or if something is grossly wrong.
-    wrong = not problem.guessed and any(_grossly_wrong(part.log) for part in problem.fitted)
-    search = any({**PRIORS, **problem.setup}.values()) and not wrong
+    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(part.log) for part in problem.fitted)
     columns = with_offsets if problem.offsets else equations
     estimate = partial(
         trajectory_estimate,
@@ -113,6 +112,8 @@ def _least_squares(problem: Problem, equations: Equations, result: TrajectoryEst
 
 def _grossly_wrong(log: Prepared) -> bool:
     """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
+    if log.guessed:
+        return False
     frames, base = wrench_checks(log)
     return Checks(recorded_gravity(log), frames=frames, base=base, torques=torque_checks(log)).grossly_wrong
 
