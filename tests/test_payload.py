@@ -58,6 +58,22 @@ def test_a_late_sensor_is_found_and_named():
     assert finding.place.wrenches == ("wrist",) and finding.text.startswith("The wrench 'wrist' is ")
 
 
+HEAVY = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
+
+
+def test_a_load_beyond_the_last_link_is_no_mirrored_wrench_of_that_link():
+    """The model has the link alone, whose centre is on the other side of the sensor."""
+    recording, place = log(text=wrist.model(tool=HEAVY), delay=4), wrist.sensors()["wrist"].pose.copy()
+    place[2, 3] += 0.107
+    link = replace(recording, sensors={"wrist": Sensor("link7", place, True)})
+    payload = identify_payload(arm(stated=False), link, body="link7", sensor="wrist")
+    (finding,) = coded(payload, "setup_delay")
+    assert abs(finding.values["value"] - 0.04) < 4 * finding.values["std"]
+    assert not payload.estimate.prepared.left_out
+    values, _, std, *_ = payload.in_frame(payload.place_of("tool"))
+    assert (np.abs(values - [3.0, *HEAVY["com"], *HEAVY["inertia"]])[:4] < 4 * std[:4]).all()
+
+
 def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     """Slow turns do not determine inertias; fast turns of a heavy tool do."""
     payload = identify_payload(arm(stated=False), log(), **GIVEN)
@@ -65,11 +81,10 @@ def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     assert not body.identifiable[4:].all() and payload.model is None
     assert payload.verdict().inertia_within is None and coded(payload, "payload_inertia_unknown")
     assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
-    heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
-    fast = log(text=wrist.model(tool=heavy), size=1.5)
+    fast = log(text=wrist.model(tool=HEAVY), size=1.5)
     body = identify_payload(arm(stated=False), fast, **GIVEN).in_frame()
     assert body.identifiable.all()
-    assert (np.abs(body.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * body.std_setup).all()
+    assert (np.abs(body.values - [3.0, *HEAVY["com"], *HEAVY["inertia"]]) < 4 * body.std_setup).all()
 
 
 def test_bodies_welded_to_the_tool_count_and_the_robot_gets_them():

@@ -18,7 +18,7 @@ from ident.errors import InputError
 from ident.files.limits import reason
 from ident.files.table import FAR
 from ident.judgement.residuals import Comparison
-from ident.tolerances import SIGNIFICANT
+from ident.tolerances import DRIVE, SIGNIFICANT
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out", "verbose")
 """Options without effect on results, and files, which are compared by content."""
@@ -44,6 +44,12 @@ class Result:
     def regrouping(self) -> Mapping[str, str]:
         """Regrouping of each base parameter, by name."""
         return self.estimate["regrouping"]
+
+    @property
+    def made_of(self) -> Mapping[str, str]:
+        """Regrouping of each base parameter, and of each drive itself, by name."""
+        drives = (name for name in self.estimate["columns"] if name.partition("(")[0] in DRIVE.values())
+        return {**self.regrouping, **{name: name for name in drives}}
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -90,7 +96,7 @@ def _text(value: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """Difference of two results, for the base parameters with the same regrouping in both.
+    """Difference of two results, for the base parameters with the same regrouping in both and the drives of both.
 
     Attributes:
         first: The result to subtract from.
@@ -102,18 +108,19 @@ class Difference:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Base parameters with the same regrouping.
+        """Base parameters with the same regrouping, and drives.
 
         Raises:
-            InputError: There is none.
+            InputError: There is no such base parameter.
         """
-        other = self.second.regrouping
-        names = tuple(name for name, made_of in self.first.regrouping.items() if other.get(name) == made_of)
-        if not names or self.first.bodies != self.second.bodies:
+        other = self.second.made_of
+        names = tuple(name for name, made_of in self.first.made_of.items() if other.get(name) == made_of)
+        shared = self.first.regrouping.keys() & names
+        if not shared or self.first.bodies != self.second.bodies:
             raise InputError(
                 f"Results of one mechanism can be compared, but '{self.first.name}' is of bodies "
                 f"{', '.join(self.first.bodies)} and '{self.second.name}' of {', '.join(self.second.bodies)}, with "
-                f"{len(names)} base parameters in common."
+                f"{len(shared)} base parameters in common."
             )
         return names
 

@@ -11,8 +11,9 @@ from ident.judgement.fit_findings import about_best
 from ident.judgement.verdict import PRECISIONS
 from ident.tolerances import POOR
 
-LEAST = 0.01
-"""Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
+LEAST = -6, -2
+"""Least and largest power of ten at which the axis of residuals over the signals begins; it ends at 1, or at 10 if some
+are larger."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,15 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         idle: Channels that do not count, which are pale.
     """
     values = np.array([*ratios.values()])
-    decades = 3 if np.nanmax(values) > 1 else 2
+    # The smallest mark keeps off the labels.
+    smallest = np.where(values > 0, values, 1).min() / 1.5
+    first, last = int(np.clip(np.floor(np.log10(smallest)), *LEAST)), int(np.nanmax(values) > 1)
+    powers = range(first, last + 1)
 
     def share(ratio: float) -> float:
-        return float(np.log10(np.clip(np.nan_to_num(ratio, nan=np.inf), LEAST, LEAST * 10**decades) / LEAST) / decades)
+        """Place of a ratio between the ends of the axis, of one that is not known at the upper end."""
+        power = np.log10(max(ratio, 10.0**first)) if ratio <= 10.0**last else last
+        return float((power - first) / (last - first))
 
     shown = []
     for name, own, best in zip(channels, values.T, about_best(values).T, strict=True):
@@ -60,8 +66,8 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
         shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best & (len(own) > 1)]]})
-    ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
-    minor = [share(LEAST * 10**k * first) for k in range(decades) for first in range(2, 10)]
+    ticks = [(f"{10.0**power:g}", share(10.0**power)) for power in powers]
+    minor = [share(10.0**power * k) for power in powers[:-1] for k in range(2, 10)]
     return _drawn("candidates", shown, [*ratios], ticks, minor, share(POOR), *_rows(channels))
 
 

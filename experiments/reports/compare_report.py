@@ -35,12 +35,12 @@ def differences_table(difference: Difference) -> tabular.Table:
     first, second, comparison = difference.first, difference.second, difference.comparison
     names, wide = difference.names, difference.std_setup
     std = np.sqrt(np.diag(comparison.covariance))
-    sums = [first.regrouping[name] for name in names]
+    sums = [first.made_of[name] for name in names]
     (of_first, _, std_first), (of_second, _, std_second) = first.at(names), second.at(names)
     # Logs that are not independent leave the difference without intervals.
     known = np.nan if difference.shared else 1.0
     return tabular.Table(
-        f"Base parameters of {first.name} less those of {second.name}, SI units"
+        f"Parameters of {first.name} less those of {second.name}, SI units"
         + "; ± 95 % intervals of the difference" * (not difference.shared),
         *tabular.columns(
             parameter=names,
@@ -61,7 +61,7 @@ def differences_table(difference: Difference) -> tabular.Table:
             "interval_setup_95": of_deviations(INTERVAL * wide),
         },
         regrouped={"": sums},
-        caption="Base parameters of two identifications and their difference",
+        caption="Base parameters and drives of two identifications and their difference",
         notes=(
             f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
             "setup: with the uncertainty of each set-up. Logs have to be independent.",
@@ -119,7 +119,7 @@ def headline(pairs: Sequence[Difference]) -> Headline:
 
 def agreement(difference: Difference, *, first: bool = True) -> str:
     """Sentences on the agreement of two results, without those that the first pair has for all."""
-    either = dict.fromkeys((*difference.first.regrouping, *difference.second.regrouping))
+    either = dict.fromkeys((*difference.first.made_of, *difference.second.made_of))
     others = [name for name in either if name not in difference.names]
     within = np.abs(difference.comparison.difference) <= INTERVAL * difference.std_setup
     return " ".join(sentences("compare.txt", pair=difference, within=within, others=others, first=first))
@@ -160,7 +160,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         first = all(bool(each.shared) != bool(pair.shared) for each in pairs[: number - 2])
         texts[title(pair)] = f"{headline([pair]).sentence} " * (len(pairs) > 1) + agreement(pair, first=first)
         if not pair.shared:
-            caption = f"Base parameters of {pair.first.name} less those of {pair.second.name}."
+            caption = f"Base parameters and drives of {pair.first.name} less those of {pair.second.name}."
             drawn[f"figure_differences{end}"] = Plot(partial(figure, pair), caption)
             rows[f"{number}: {label}"] = pair.comparison.z / INTERVAL
     tables["table_prediction"] = prediction_table(compared)

@@ -116,8 +116,11 @@ def quality_table(result: Estimate) -> tabular.Table:
             rows.append((f"{channel}, at rest", *resting, "not judged: friction is anything up to breakaway"))
         units += [channel_unit(channel, tree)] * (len(rows) - len(units))
     heads = {"ratio_model_as_it_came": "ratio, model as it came", "ratio_least_squares": "ratio, least squares"}
-    title, names = f"Prediction of the {held.part} part", ("channel", *columns, "note")
-    return tabular.Table(title, names, rows, units=tuple(units), heads=heads)
+    title, names, more = f"Prediction of the {held.part} part", ("channel", *columns, "note"), ""
+    if lacking := not_held(updated_file(result.prepared.mechanism), result):
+        heads["ratio_updated_model"] = "ratio, updated model*"
+        more = f"With all drives beside its bodies. {lacking[0]}"
+    return tabular.Table(title, names, rows, units=tuple(units), heads=heads, footnote=more)
 
 
 def full_table(result: Estimate) -> tabular.Table:

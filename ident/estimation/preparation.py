@@ -79,6 +79,7 @@ class Prepared:
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
         resting: Joints that rest, which excite no friction.
+        guessed: True if the model's bodies are a guess that shows neither unmeasured contacts nor gross errors.
     """
 
     mechanism: Mechanism
@@ -97,6 +98,7 @@ class Prepared:
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
     resting: tuple[str, ...] = ()
+    guessed: bool = False
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -168,7 +170,7 @@ def prepared(
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
-    recording, steps, clipped, constant, of_repairs = repairs.repaired(recording, mechanism, leave_out)
+    recording, steps, clipped, constant, of_repairs = repairs.mended(recording, mechanism, leave_out)
     resting = repairs.rests(recording, tree)
     check_tracked(mechanism, recording, resting)
     notes += [*of_repairs, *_orientation(mechanism, recording), *(repairs.rest_note(*each) for each in resting.items())]

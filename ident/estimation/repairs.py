@@ -59,7 +59,7 @@ class Stuck(NamedTuple):
     in_fitted: bool
 
 
-class Repaired(NamedTuple):
+class Mended(NamedTuple):
     """Recording that a fit can use.
 
     Attributes:
@@ -77,7 +77,7 @@ class Repaired(NamedTuple):
     notes: list[str]
 
 
-def repaired(recording: Recording, mechanism: Mechanism, leave_out: Collection[str]) -> Repaired:
+def mended(recording: Recording, mechanism: Mechanism, leave_out: Collection[str]) -> Mended:
     """Recording without some channels, constant ones, clipped samples and gross outliers.
 
     Raises:
@@ -95,7 +95,7 @@ def repaired(recording: Recording, mechanism: Mechanism, leave_out: Collection[s
         notes += of_spikes
     constant = constants(recording, tree)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] if leave_out else []
-    return Repaired(without_channels(recording, tree, constant), recorded, clipped, constant, notes)
+    return Mended(without_channels(recording, tree, constant), recorded, clipped, constant, notes)
 
 
 def _within_range(recording: Recording) -> Recording:

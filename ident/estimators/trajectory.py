@@ -14,7 +14,7 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
 from ident.estimators.least_squares import FilteredLeastSquares, filtered_least_squares
 from ident.estimators.predictions import Candidate, Predictions
-from ident.judgement.checks import wrench_checks
+from ident.judgement.checks import Checks, wrench_checks
 from ident.judgement.model_fit import recorded_gravity
 from ident.judgement.residuals import beyond_fast_noise, differences, disagreements, widening, widenings, without
 from ident.judgement.torque_checks import torque_checks
@@ -123,12 +123,10 @@ def _least_squares(problem: Problem, equations: Equations, result: TrajectoryEst
 
 def _grossly_wrong(log: Prepared) -> bool:
     """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
+    if log.guessed:
+        return False
     frames, base = wrench_checks(log)
-    torques = torque_checks(log)
-    wrench = base is not None or any(check.suspicious or check.mirrored for check in frames.values())
-    gravity = recorded_gravity(log)
-    turned = gravity is not None and gravity.suspicious
-    return turned or wrench or (torques is not None and torques.grossly_wrong)
+    return Checks(recorded_gravity(log), frames=frames, base=base, torques=torque_checks(log)).grossly_wrong
 
 
 def _known_enough(

@@ -13,8 +13,10 @@ from ident.estimation.equations import COMPONENTS, predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import applied, coAd, hat, inverse
 from ident.judgement import model_fit
+from ident.judgement.residuals import FAR_ABOVE
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.mechanism.tree import Tree
+from ident.recordings.smoothing import white_noise
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
 from ident.tolerances import CLEARLY, FAR_BETTER, NOTABLY, ROUNDING
@@ -68,7 +70,8 @@ class ContactCheck(NamedTuple):
     Attributes:
         body: Name of the body that it would be on.
         point: Where, in the body's frame, m (3,).
-        explained: Fraction of the residual moment that forces through that point explain.
+        explained: Fraction of the residual moment that forces through that point explain, about the base's origin, or
+            about the ground's sensor where the forces are near its noise.
         distance: Distance of the forces from that point, plus a weighted one of the point from the body's joints, m.
     """
 
@@ -271,6 +274,13 @@ class Checks(NamedTuple):
     contact: ContactCheck | None = None
     torques: TorqueChecks | None = None
 
+    @property
+    def grossly_wrong(self) -> bool:
+        """True if gravity, a wrench or a torque has another direction, frame, sign or unit than stated."""
+        turned = self.gravity is not None and self.gravity.suspicious
+        wrench = self.base is not None or any(each.suspicious or each.mirrored for each in self.frames.values())
+        return turned or wrench or (self.torques is not None and self.torques.grossly_wrong)
+
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     """Makes all checks that can be made; those against the model's weight only if gravity is as stated.
@@ -411,4 +421,13 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     # wanders by a fifteenth of the mechanism's size, half a foot of a person.
     measured = {sensor.body for name, sensor in prepared.recording.sensors.items() if sensor.body and name != GROUND}
     size = float(np.linalg.norm(np.ptp(tree.poses(q)[:, :, :3, 3], axis=1), axis=1).max())
-    return check_contact(tree, q, in_base, measured, near=min(NEAR, size / 15))
+    check = check_contact(tree, q, in_base, measured, near=min(NEAR, size / 15))
+    if GROUND in prepared.recording.wrenches:
+        # Noise of the ground's forces is forces through its sensor, about which it has no moment.
+        force, moment = residual[:, :3], residual[:, 3:6]
+        read = prepared.recording.wrench(GROUND).on_mechanism[:, :3]
+        noise = np.linalg.norm([white_noise(x, robust=True) for x in read.T])
+        if np.linalg.norm(force) < FAR_ABOVE * noise * np.sqrt(len(force)):
+            left = (1 - check.explained) * (in_base[:, 3:] ** 2).sum()
+            check = check._replace(explained=float(1 - left / max((moment**2).sum(), ROUNDING)))
+    return check

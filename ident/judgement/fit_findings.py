@@ -104,8 +104,9 @@ def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
         # Least squares are usable if they need no prior.
         take = LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None
         take = MODEL if min(worse, key=candidates.overall) == MODEL else take
+        take = "nothing" if evidence.checks.grossly_wrong else take
         yield Finding.of("worse_than_candidate", place, worse=worse, take=take, cutoff_hz=evidence.filtered_at)
-    elif (other := candidates.better_overall) is not None:
+    elif (other := candidates.better_overall) is not None and not evidence.checks.grossly_wrong:
         behind, pairs = candidates.behind(other), candidates.pairs(other)
         yield Finding.of("candidate_better", candidate=other, behind=behind, ratios=pairs)
 

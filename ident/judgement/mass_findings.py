@@ -64,17 +64,20 @@ def weight_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on a weighed mass that differs from the model's or drifts, and on another one by the set-up or a gain.
 
     A drift of 2 % of the model's mass is a remark, a difference of 30 % a doubt. Set-up errors may change the mass from
-    that by the wrenches, and a gain that all channels share explains any.
+    that by the wrenches, and a gain that all channels share explains any. Where the estimate has the weighed mass, the
+    latter is no remark of its own.
     """
     if (weight := evidence.checks.weight) is None:
         return
     measured, model, drift = weight
-    if abs(measured - model) > HEAVY * model:
-        far = abs(measured - model) > 0.3 * model
-        yield Finding.of("weight_differs", doubt=far, measured=measured, model=model)
+    mass, difference, z = estimated_mass(evidence), abs(measured - model), -float(special.ndtri(SIGNIFICANT / 2))
+    another = mass is not None and model > 0 and abs(mass.value - model) > max(HEAVY * model, z * mass.std)
+    alike = mass is not None and another and abs(mass.value - measured) <= HEAVY * model
+    if difference > (0.3 if alike else HEAVY) * model:
+        yield Finding.of("weight_differs", doubt=difference > 0.3 * model, measured=measured, model=model)
     if abs(drift) > 0.02 * model:
         yield Finding.of("weight_drifts", drift=drift)
-    if (mass := estimated_mass(evidence)) is None:
+    if mass is None:
         return
     value, std, std_setup = mass
     if any(SETUP[each.kind].weighs for each in evidence.setup):
@@ -82,8 +85,7 @@ def weight_findings(evidence: Evidence) -> Iterator[Finding]:
         if abs(value - weighed) >= max(INTERVAL * std, 0.01 * model):
             farther = abs(value - model) > max(abs(weighed - model), HEAVY * model)
             yield Finding.of("mass_by_setup", doubt=farther, mass=value, std=std, weighed=weighed, model=model)
-    z = -float(special.ndtri(SIGNIFICANT / 2))
-    if model > 0 and abs(value / model - 1) > HEAVY and abs(value - model) > z * std:
+    if another:
         yield Finding.of("mass_or_common_gain", mass=value, std=std_setup, model=model)
 
 

@@ -301,8 +301,8 @@ class Comparison(Worded):
     """The difference between two estimates from recordings of their own.
 
     Attributes:
-        names: Names of the r base parameters.
-        difference: First less second ψ (r,).
+        names: Names of the r parameters, the base parameters first, then the drives that both have.
+        difference: First less second (r,).
         covariance: Its covariance, the sum of both (r, r).
         bodies: Names of the bodies.
     """
@@ -338,7 +338,8 @@ class Comparison(Worded):
         return self.p_value < SIGNIFICANT
 
     def __str__(self) -> str:
-        largest = "; ".join(f"{name} by {by} ± {std} {unit} (z {z})" for name, by, std, unit, z in self._rows(NAMED))
+        rows = ((name, f"{by} ± {std} {unit}".strip(), z) for name, by, std, unit, z in self._rows(NAMED))
+        largest = "; ".join(f"{name} by {size} (z {z})" for name, size, z in rows)
         p = f"p {self.p_value:.2g}" if self.p_value else "p below 1e-300"
         how = "more" if self.differs else "no more"
         return (
@@ -361,7 +362,7 @@ class Comparison(Worded):
 
 
 def compared(first: Fit, second: Fit) -> Comparison:
-    """Compares the base parameters of two fits.
+    """Compares the base parameters of two fits, and the drives that both have.
 
     Raises:
         InputError: They are not of the same base parameters.
@@ -372,6 +373,7 @@ def compared(first: Fit, second: Fit) -> Comparison:
             f"Estimates of the same base parameters can be compared, got {', '.join(names)} and "
             f"{', '.join(second.parameters.names)}."
         )
-    r = len(names)
-    covariance = first.covariance[:r, :r] + second.covariance[:r, :r]
-    return Comparison(names, first.psi - second.psi, covariance, first.equations.mechanism.bodies)
+    names += tuple(name for name in first.equations.drives if name in second.equations.drives)
+    a, b = ([fit.names.index(name) for name in names] for fit in (first, second))
+    covariance = first.covariance[np.ix_(a, a)] + second.covariance[np.ix_(b, b)]
+    return Comparison(names, first.values[a] - second.values[b], covariance, first.equations.mechanism.bodies)

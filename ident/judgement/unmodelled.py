@@ -56,8 +56,8 @@ def without_unmeasured(prepared: Prepared) -> Prepared:
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[LeftOut, ...]:
-    """Spans with unmeasured contacts, detected by missing support; none where no weight is measured, or of poses."""
-    if prepared.recording.still:
+    """Spans with unmeasured contacts, detected by missing support; none where no weight is known, or of poses."""
+    if prepared.recording.still or prepared.guessed:
         return ()
     try:
         up, known = upward(prepared)

@@ -212,7 +212,9 @@ class Verdict(Worded):
         return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} {what}"
 
     def __str__(self) -> str:
-        first = [] if self.worse is None else [self.worse.text]
+        # What is wrong with a recording comes before what it does to an estimate.
+        caused = self.worse is not None and self.worse.doubt and self.doubts[0] != self.worse.code
+        first = [] if self.worse is None or caused else [self.worse.text]
         doubtful = self.outcome is Outcome.NOT
         known = self.precision.sentences() if self.precision is not None and not doubtful else ()
         return " ".join([*first, *self._decision(), *self._best(), *known])
@@ -271,10 +273,10 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
 
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
-    *(recorded.gravity_findings, recorded.delay_findings, candidate_findings),
-    *(recorded.frame_findings, recorded.contact_findings, recorded.unmeasured_findings),
+    *(recorded.gravity_findings, recorded.delay_findings, recorded.frame_findings, torques.torque_findings),
+    *(candidate_findings, recorded.contact_findings, recorded.unmeasured_findings),
     *(recorded.clipped_findings, recorded.resolution_findings, recorded.tracked_findings),
-    *(masses.weight_findings, masses.offset_findings, torques.torque_findings, torques.cause_findings),
+    *(masses.weight_findings, masses.offset_findings, torques.cause_findings),
     *(torques.scale_findings, torques.friction_findings, torques.drive_findings, recorded.plane_findings),
     *(fit.quality_findings, recorded.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
     *(

@@ -110,7 +110,9 @@ def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
 
 
 def advice(worse: Mapping[str, Any], take: str, cutoff_hz: float | None, **_: Any) -> str:
-    """Candidate to take instead of the estimate."""
+    """Candidate to take instead of the estimate, or what to do first."""
+    if take == "nothing":
+        return "First mend the recording, as said above."
     if take == "model":
         return "Keep the model, or record more."
     if take == "least squares":

@@ -285,7 +285,8 @@ def identify_payload(
     massless = replace(part, prior=np.zeros(10 * len(part.bodies)))
     first = prepared(massless, recordings[0], filters=False)
     part = replace(part, prior=likely(part, weighing(first, sensor, recordings[0].sensors[GROUND]), places[0]))
-    ready = [prepared(part, each, filters=False) for each in recordings]
+    # With sign, axes and gravity as stated the forces weigh something.
+    ready = [replace(prepared(part, each, filters=False), guessed=True) for each in recordings]
     fitting: dict[str, Any] = {"offsets": offsets, "holdout": holdout, "report": report, "known": known(part)}
     fitting["setup"] = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", setup or {}, PRIORS)}
     if recordings[0].still:

@@ -140,6 +140,8 @@ def test_answers_are_sentences_and_tables_instead_of_their_fields():
     for answer in (estimate.verdict(), comparison, consistent, estimate["m3rx3"], jointly().consistent()):
         assert not re.search(r"\barray\(|outcome=|phi=|names=", repr(answer) + words_of(answer._repr_html_()))
     assert str(estimate.verdict()) in repr(estimate.verdict())
+    assert comparison.names == tuple(each.name for each in estimate.parameters if each.kind != "offset")
+    assert set(estimate.fit.equations.drives) < set(comparison.names)
     assert "χ² is 0.0 of" in repr(comparison) and "no more than noise" in repr(comparison)
     assert "m3rx3 of fore" in comparison._repr_html_() and "<th>unit</th>" in comparison._repr_html_()
     assert "column 4" in repr(consistent) and "upper 3" in consistent._repr_html_()

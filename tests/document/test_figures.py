@@ -102,6 +102,13 @@ def test_a_ring_is_around_the_best_candidate_of_each_channel(most, ticks):
     assert "<title>Fx: estimate 0.1, least squares 0.05," in drawn and all(f">{tick}<" in drawn for tick in ticks)
 
 
+@pytest.mark.parametrize(("least", "first"), [(0.016, -2), (0.0105, -3), (0.0029, -3), (1e-9, -6), (np.nan, -2)])
+def test_an_axis_of_residuals_has_room_for_the_smallest(least, first):
+    drawn = pictures.candidates(["Fx"], {"estimate": np.array([0.1]), "model": np.array([least])})
+    assert places(drawn, "mark0", "cx")[1] == pytest.approx(100 + 252 * (1 + 1 / first), abs=0.06)
+    assert f">{10.0**first:g}<" in drawn
+
+
 def test_labels_of_names_that_begin_or_end_alike_differ():
     """A shoulder's two joints were one label, as both were cut after ten letters."""
     for name, label in {

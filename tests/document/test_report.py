@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
+import driven_arm
 import numpy as np
 import pytest
 from commands import refusal
@@ -23,6 +24,7 @@ from experiments.document import print_table, result_folder
 from experiments.document.tabular import Table, columns, decimals_of, number
 from experiments.document.typography import WIDTH, pieces, wrapped
 from experiments.document.writer import Card, Document, _Compiled
+from experiments.reports import identify_report
 from experiments.runs.workers import Checkpoint
 from ident import Recording
 from ident.display import plots
@@ -219,6 +221,15 @@ def test_only_sums_of_several_parameters_are_marked_and_noted():
     assert table.remarks() == [("†", "Regrouped sums: m1 + m2.")]
     assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
     assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped={"": names}).remarks()
+
+
+def test_ratios_of_the_updated_model_are_with_the_drives_that_its_file_lacks(monkeypatch):
+    result, heads = driven_arm.quick(), {"model.urdf": "ratio, updated model*", "model.xml": "ratio, updated model"}
+    for file, head in heads.items():
+        monkeypatch.setattr(identify_report, "updated_file", lambda _, file=file: file)
+        table = identify_report.quality_table(result)
+        noted = "With all drives beside its bodies. model.urdf cannot hold Ia(bend), K(lift)." * head.endswith("*")
+        assert head in table.headings() and table.footnote == noted
 
 
 def test_parameters_and_channels_become_symbols_and_names_stay():

@@ -44,6 +44,7 @@ EXAMPLES = {
         {"worse": {"least squares": WORSE}, "take": "least squares", "cutoff_hz": None},
         {"worse": {"model": WORSE | {"Mz": (0.5, 0.1)}}, "take": "model", "cutoff_hz": 4.0},
         {"worse": {"least squares": WORSE, "model": WORSE}, "take": None, "cutoff_hz": 4.0},
+        {"worse": {"least squares": WORSE}, "take": "nothing", "cutoff_hz": 4.0},
     ],
     "candidate_better": [
         {"candidate": "least squares", "behind": 1.11, "ratios": {"hip": (0.3, 0.28), "knee": (0.4, 0.35)}},

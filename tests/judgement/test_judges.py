@@ -71,10 +71,26 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured():
     samples = SimpleNamespace(motion=Motion(*np.zeros((3, 4, 2))))
     for measured_on, distance, doubted in (("link1", 0.2, True), ("link2", 0.2, False), ("link1", 2.3, False)):
         evidence = of_checks(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0))
-        evidence.ratios, evidence.mechanism = dict.fromkeys(range(6), 0.5), PENDULUM
+        # Channels in which noise alone is left show no contact.
+        evidence.idle, evidence.mechanism = dict.fromkeys(range(4), "noise"), PENDULUM
+        evidence.ratios = dict.fromkeys(range(4), 0.2) | dict.fromkeys(range(4, 7), 0.5)
         recording = SimpleNamespace(sensors={"tip": Sensor(measured_on)})
         evidence.prepared = SimpleNamespace(recording=recording, samples=samples)
         assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
+
+
+def test_the_mass_that_is_weighed_and_estimated_alike_is_told_once(monkeypatch):
+    for value, measured, codes in (
+        (56.0, 56.5, {"mass_or_common_gain": False}),
+        (56.0, 53.0, {"weight_differs": False, "mass_or_common_gain": False}),
+        (51.0, 56.5, {"weight_differs": False}),
+        (70.0, 70.0, {"weight_differs": True, "mass_or_common_gain": False}),
+    ):
+        mass = mass_findings.Mass(value, 0.1, 0.2)
+        monkeypatch.setattr(mass_findings, "estimated_mass", lambda evidence, mass=mass: mass)
+        evidence = of_checks(weight=Weight(measured, 50, 0))
+        evidence.setup = ()
+        assert {each.code: each.doubt for each in mass_findings.weight_findings(evidence)} == codes
 
 
 def test_the_weight_may_not_drift_either_way(monkeypatch):

@@ -6,9 +6,11 @@ import driven_arm
 import numpy as np
 import pytest
 import sagittal_walker
+import slow_pendulum
 from coded import coded
 from mechanisms import by_joint, sines
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
+from scipy import signal
 from slow_pendulum import recorded
 
 import ident
@@ -81,6 +83,34 @@ def test_a_body_is_named_whose_forces_explain_the_moment_or_pass_near(monkeypatc
         monkeypatch.setattr(unmodelled, "check_contact", lambda *_, check=check: check)
         assert unmodelled._body(log, slice(0, 50), np.ones((50, 6))) == body
         assert unmodelled._body(log, slice(0, 50), np.where(np.arange(6) == 5, np.nan, np.ones((50, 6)))) is None
+
+
+def on_a_deep_plate(seed, noise, push):
+    """Findings of a contact left out, with a plate 0.45 m below the base and a force (N) that pushes on its origin.
+
+    Half of the noise (N, of moments a tenth in N m) wanders.
+    """
+    rng, below, t = np.random.default_rng(seed), np.array([0.02, -0.03, -0.45]), slow_pendulum.TIME
+    states = slow_pendulum.motion(rng, 0.5)
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    moment = wrench[:, 3:] - np.cross(below, wrench[:, :3])
+    pushed = push * np.sin(np.outer(t, [1.3, 2.1, 2.8]) + rng.uniform(0, 6, 3))
+    white, drawn = rng.normal(size=(2, *wrench.shape))
+    wanders = signal.sosfiltfilt(signal.butter(2, 1, fs=100, output="sos"), drawn, axis=0)
+    felt = np.hstack([wrench[:, :3] - pushed, moment])
+    felt += noise * np.repeat([1, 0.1], 3) * (white + wanders / wanders.std())
+    q, pose = states[0] + 2e-4 * rng.normal(size=states[0].shape), np.eye(4)
+    pose[:3, 3] = below
+    recording = angles_and_wrench(t, q, felt, sensors={"ground": ident.Sensor(None, pose)})
+    return coded(ident.identify(PENDULUM, recording, **QUICK), "contact_left_out")
+
+
+def test_noise_of_a_plate_away_from_the_base_is_no_contact_and_a_force_on_it_is():
+    assert not any(on_a_deep_plate(seed, 3, 0) for seed in range(6))
+    found = [on_a_deep_plate(seed, 0.5, 10) for seed in range(6)]
+    assert all(found) and all(finding.doubt for (finding,) in found)
+    assert {finding.values["body"] for (finding,) in found} == {"base"}
+    np.testing.assert_allclose([finding.values["point"] for (finding,) in found], [[0.02, -0.03, -0.45]] * 6, atol=0.05)
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():

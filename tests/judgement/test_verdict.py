@@ -10,6 +10,7 @@ from mechanisms import sines
 from recorded_faults import PENDULUM, angles_and_wrench, estimated
 
 import ident
+from ident.judgement.checks import FrameCheck
 from ident.judgement.finding import Finding
 from ident.judgement.verdict import Outcome, Verdict, decided
 from ident.setup import PRIORS
@@ -72,6 +73,19 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     worse = {name: set(pairs) for name, pairs in doubt.values["worse"].items()}
     assert worse == {"least squares": {"My"}, "model": {"Fy", "Mx"}}
     assert doubt.values["take"] == "model"
+
+
+def test_a_wrong_sign_comes_before_what_it_does_to_the_estimate_and_leaves_no_candidate_to_take(estimate):
+    other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[0.5, 0.9, 0.6, 1, 1])
+    flipped = FrameCheck(-1, np.eye(3), 2.0, 0.01)
+    vars(other)["checks"] = other.checks._replace(frames={"ground": flipped})
+    verdict, (cause, effect, *_) = other.verdict(), other.findings
+    assert verdict.doubts[:2] == (cause.code, effect.code) == ("wrench_sign_or_axes", "worse_than_candidate")
+    assert effect.text.endswith("First mend the recording, as said above.")
+    assert "Worse" not in str(verdict) and "--estimator" not in str(verdict)
+    other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[0.9, 0.9, 0.95, 0.9, 1.02])
+    vars(other)["checks"] = other.checks._replace(frames={"ground": flipped})
+    assert other.verdict().worse is None
 
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):

@@ -75,6 +75,24 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys):
     assert z == f"{(a - b)[1] / compared['std'][1]:.1f}"
 
 
+@pytest.mark.usefixtures("undrawn", "without_page")
+def test_drives_are_compared_too_and_those_of_one_alone_are_named(tmp_path, capsys):
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "ab"]
+    for folder, friction, other in zip(folders, (1.0, 9.0), ("Fc(knee)", "Ia(knee)"), strict=True):
+        estimate = json.loads((folder / "estimate.json").read_text())
+        estimate["columns"][3:3] = ["Fv(knee)", other]
+        estimate["values"][3:3] = [friction, 0.5]
+        wide = np.insert(np.insert(np.array(estimate["covariance"]), [3, 3], 0, axis=0), [3, 3], 0, axis=1)
+        wide[[3, 4], [3, 4]] = 0.5
+        estimate |= {"covariance": wide.tolist(), "std_setup": np.sqrt(np.diag(wide)).tolist()}
+        (folder / "estimate.json").write_text(json.dumps(estimate))
+    (compared,) = run(tmp_path, *folders)
+    assert compared["parameters"] == [*NAMES, "Fv(knee)"] and compared["chi2"] == pytest.approx(64)
+    output = capsys.readouterr().out
+    assert "✕ Differ. 'a' and 'b' differ by more than noise." in output and "Fv(knee) by -8.0 ± 1.0 (z -8.0)" in output
+    assert "only one result has them or regroups them so: Fc(knee), Ia(knee)." in output
+
+
 def test_the_chance_of_disagreement_is_right(tmp_path):
     """The p-value of two draws around one truth is uniform."""
     rng, p = np.random.default_rng(0), []
@@ -116,4 +134,6 @@ def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
     both = [result(tmp_path / name, [1.0, 2.0, 3.0], **options) for name, options in (("a", {}), ("b", other))]
     difference = Difference(*read_results(both))
     assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
-    assert "Not compared, because they are regrouped differently: m1." in compare_report.agreement(difference)
+    assert "Not compared, because only one result has them or regroups them so: m1." in compare_report.agreement(
+        difference
+    )
