@@ -315,17 +315,22 @@ def _layout(path: Path, limit: int) -> Layout:
     errors = [LogError("a log needs a table with two columns of numbers or more.")]
     for skip in range(40):
         try:
-            row = next(read_tables(path, 1, limit=limit, layout=Layout(False, skip)), None)
-            if row is None:
+            rows = next(read_tables(path, 2, limit=limit, layout=Layout(False, skip)), None)
+            if rows is None:
                 break
-            cells = [str(cell[0]) for cell in row.cells.values()]
-            layout = Layout(not any(map(is_number, cells)), skip)
+            layout = Layout(_is_header([[str(cell[0]), str(cell[-1])] for cell in rows.cells.values()]), skip)
             table = next(read_tables(path, 50, limit=limit, layout=layout), None)
             if table and len(_numbers(table)[0]) > 1:
                 return layout
         except LogError as error:
             errors += [error] if not skip else []
     raise errors[-1]
+
+
+def _is_header(cells: Sequence[Sequence[str]]) -> bool:
+    """True if the first of two rows has names: no number, or a word above a number, as in `time,1,2,3`."""
+    words_above = any(first and not is_number(first) and is_number(second) for first, second in cells)
+    return words_above or not any(is_number(first) for first, _ in cells)
 
 
 def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:

@@ -19,8 +19,10 @@ import sim
 from experiments import columns as command
 from experiments.guesses.belief import DOUBTFUL, SURE, write_mapping
 from experiments.guesses.guess import believed
+from experiments.guesses.log_contents import log_contents
 from ident import Motion, identify_payload
 from ident.estimation.equations import predicted_channels
+from ident.files.csv_file import Layout
 
 TIME = np.arange(900) / 100
 JOINTS = ("pan", "lift", "elbow")
@@ -191,6 +193,14 @@ def test_rows_of_words_and_numbers_have_no_header(tmp_path):
         assert mapped(belief, kind) == dict(zip(robot.joints, columns[first : first + 7], strict=True)), belief.open
     read = read_as_guessed(tmp_path, belief, robot.mechanism)
     np.testing.assert_allclose(read.of_joints(robot.joints, "position"), robot.q, atol=1e-9)
+
+
+def test_names_that_are_numbers_are_no_samples(tmp_path):
+    columns = {"time": TIME} | {str(k): x for k, x in enumerate(np.hstack([Q, TAU]).T, start=1)}
+    (tmp_path / "log.csv").write_text(text(columns), encoding="utf-8")
+    log = log_contents(tmp_path / "log.csv")
+    assert log.layouts == (Layout(header=False, skip=1),)
+    np.testing.assert_allclose(log.samples["2"], Q[:, 0])
 
 
 def test_a_counter_of_samples_is_no_time(tmp_path):
