@@ -230,9 +230,11 @@ def identified(
             f"A log states a load on '{carried[0]}', under [load] in its columns file: `payload` (in Python "
             "`identify_load`) identifies it beside logs without it."
         )
+    # Channels of torques come last; those of commanded joints are not measured.
+    torques = [k >= len(x.channels) - len(x.torques) for x in (log.equations for log in logs) for k in x.sensed]
     for kind, has, what in (
         ("lag", any(log.recording.servos for log in logs), "commands"),
-        ("torque_delay", any(log.equations.torques for log in logs), "joint torques"),
+        ("torque_delay", any(torques), "joint torques"),
         ("tracker_delay", any(log.recording.trackers for log in logs), "tracked bodies"),
     ):
         if kind in own and not has:

@@ -210,6 +210,11 @@ def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(t
     np.testing.assert_array_equal(exact.psi, estimate.psi)
 
 
+def test_commands_are_no_torques_that_may_be_late():
+    with pytest.raises(InputError, match="own has torque_delay, but no recording has joint torques; leave it out"):
+        ident.identify(mechanism(actuators=True), recording(), own=["torque_delay"])
+
+
 def test_uncertainties_that_would_have_no_effect_are_refused():
     for options, message in (
         ({"setup": {"delay": 0.1, "gain": 0.0}, "estimator": "weighted"}, "'weighted' leave out delay in setup"),
