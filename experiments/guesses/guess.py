@@ -272,7 +272,7 @@ class OrderSearch:
             yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
 
     def swapped(self, positions: Family, torques: Family) -> list[Order]:
-        """The order of positions and torques of the joints that two swapped joints make no better, and all these."""
+        """Order of positions and torques that no swap of two joints improves, and all orders one swap away from it."""
 
         def judged(joints: Sequence[str], label: str) -> Order:
             order, own = Order(label, dict(zip(joints, positions.names, strict=True)), positions), torques.names
@@ -284,7 +284,7 @@ class OrderSearch:
             for i, k in combinations(range(len(joints)), 2):
                 other = [joints[{i: k, k: i}.get(j, j)] for j in range(len(joints))]
                 ways.append(judged(other, ANY))
-            better = min(ways, key=lambda order: order.left)
+            better = min(ways, key=lambda order: order.left, default=best)
             if better.left >= best.left:
                 return [best, *ways]
             best, joints = better, [*better.positions]
