@@ -57,7 +57,7 @@ class _Point(NamedTuple):
         return _Point(2 * self.K / (s[..., :, None] + s[..., None, :]), self.x / by.x, q)
 
     def identity(self) -> "_Point":
-        """What products leave as it is."""
+        """Identity of the Jordan product."""
         q = np.zeros_like(self.q)
         q[:, 0] = 1
         return _Point(np.broadcast_to(np.eye(4), self.K.shape), np.ones_like(self.x), q)
@@ -94,14 +94,14 @@ def _boosted(w: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def traces(bodies: int, numbers: int) -> np.ndarray:
-    """Traces of the coordinates of bodies and numbers, which are those of K = 1 and x = 1 as well (10 b + k,)."""
+    """Coordinates of bodies K = 1 and numbers x = 1, which are also the traces of the basis (10 b + k,)."""
     return np.r_[np.tile(np.trace(UNITS, axis1=1, axis2=2), bodies), np.ones(numbers)]
 
 
 def maxima(A: np.ndarray, y: np.ndarray, square: np.ndarray, bodies: int, f: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Maxima of `f·v / d·v` over all physical bodies and rotors with `|A v - y|² ≤ square`.
 
-    Units are those of some of them: K = 1 and x = 1 fit.
+    Units are such that bodies K = 1 and rotors x = 1 satisfy these conditions.
 
     Args:
         A: Rows of problems that have the same number of objectives: ten entries in the basis `UNITS` for each body,
@@ -113,7 +113,7 @@ def maxima(A: np.ndarray, y: np.ndarray, square: np.ndarray, bodies: int, f: np.
         d: Denominators, positive for all physical bodies; zeros for one (N, 10 b + k).
 
     Returns:
-        Upper bounds of the maxima, `EXACT` (N,); infinite where nothing bounds them, or where rounding ends the search.
+        Upper bounds of the maxima, to `EXACT`, infinite where nothing bounds them or rounding ends the search (N,).
     """
     at_once, own = max(1, AT_ONCE // A.shape[2] ** 2), np.arange(len(f)) * len(A) // max(1, len(f))
     parts = [slice(k, k + at_once) for k in range(0, len(f), at_once)]
@@ -169,10 +169,7 @@ class _Search:
             active = active[(np.minimum(_determinant(q), _determinant(self.q[active])) > 0)[:, 0]]
             if not len(active):
                 break
-            try:
-                self._step(active)
-            except np.linalg.LinAlgError:
-                break
+            active = self._stepped(active)
             value, gap = self._value(active)
             exact = gap < EXACT * np.maximum(np.abs(value), FLOOR * np.abs(value - self.first[active]))
             out[active[exact]] = (value + gap)[exact]
@@ -184,6 +181,16 @@ class _Search:
         x, q = self.cones(k)
         gap = np.sum(self.s[k] ** 2, axis=(1, 2)) + np.sum(x * self.x[k], axis=1) + np.sum(q * self.q[k], axis=1)
         return np.sum(self.f[k] * self.v[k], axis=1), gap + np.sum(np.abs(self.rest[k] * self.v[k]), axis=1)
+
+    def _stepped(self, k: np.ndarray) -> np.ndarray:
+        """Makes a step of some objectives, and returns those for which rounding allows one."""
+        try:
+            self._step(k)
+        except np.linalg.LinAlgError:
+            # One of them alone ends, not all that are computed at once.
+            half = len(k) // 2
+            return np.concatenate([self._stepped(part) for part in (k[:half], k[half:])]) if half else k[:0]
+        return k
 
     def _step(self, k: np.ndarray) -> None:
         """Makes a step of some objectives."""
@@ -260,6 +267,7 @@ class _Axes:
         return multipliers, u
 
     def _bordered(self, multipliers: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Left sides of the equations of h and β (N, 2, c)."""
         return np.concatenate([self.sides[0] @ multipliers, self.sides[1] @ u], axis=1)
 
     def newton(self, wrong: _Point, share: np.ndarray) -> tuple[_Point, _Point, np.ndarray]:

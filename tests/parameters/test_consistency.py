@@ -12,6 +12,7 @@ from ident.display.brief import QUANTITIES
 from ident.geometry import inertia
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from ident.mechanism.tree import BASE, Tree
+from ident.parameters import extremes
 from ident.parameters.consistency import consistent_parameters, physical_prior
 from ident.parameters.prior import body_covariance, guessed
 from ident.payload import GUESSED
@@ -241,6 +242,21 @@ def test_bounds_do_not_move_with_rounding():
     near = psi * (1 + 1e-10 * np.random.default_rng(0).normal(size=len(psi)))
     one, other = (consistent_parameters(each, *others).intervals for each in (psi, near))
     np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+
+
+def test_a_search_that_rounding_ends_leaves_the_others(monkeypatch):
+    expected, step = consistent_parameters(*chain(1)).intervals, extremes._Search._step
+    failing = 10 * 4 + 20  # The largest mass of the third body of four, after the least values of all.
+
+    def step_or_fail(search, k):
+        if failing in k:
+            raise np.linalg.LinAlgError
+        step(search, k)
+
+    assert np.isfinite(expected[2, 0, 1])
+    monkeypatch.setattr(extremes._Search, "_step", step_or_fail)
+    expected[2, 0, 1] = np.inf
+    np.testing.assert_allclose(consistent_parameters(*chain(1)).intervals, expected, rtol=1e-6, atol=1e-9)
 
 
 def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
