@@ -276,7 +276,8 @@ class OrderSearch:
 
         def judged(joints: Sequence[str], label: str) -> Order:
             order, own = Order(label, dict(zip(joints, positions.names, strict=True)), positions), torques.names
-            return next(self.judged(order, [dict(zip(joints, own, strict=True))], own))
+            every = self.judged(order, [dict(zip(joints, own, strict=True))], own)
+            return min(every, key=lambda order: order.left)
 
         best, joints = judged(self.joints, MODEL), [*self.joints]
         while True:

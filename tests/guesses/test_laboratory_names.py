@@ -161,6 +161,21 @@ def test_joints_with_names_of_their_own_are_found_whatever_their_order(tmp_path,
         assert mapped(belief, kind) == {joint: f"{n} {quantity}" for joint, n in zip(robot.joints, own, strict=True)}
 
 
+def test_joints_with_names_of_their_own_are_found_in_degrees_that_no_name_states(tmp_path):
+    """Below 60 degrees, so that their size leaves open whether they are radians."""
+    robot, own = seven(), ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange")
+    q = 0.4 * robot.q
+    dq = np.gradient(q, robot.time, axis=0)
+    states, tree = (q, dq, np.gradient(dq, robot.time, axis=0)), robot.mechanism.tree
+    tau = ident.joint_torque_regressor(tree, *states, gravity=robot.mechanism.gravity) @ robot.mechanism.known
+    order = 0, 3, 6, 4, 1, 2, 5
+    columns = {"time": robot.time} | {f"{own[k]} angle": DEG * q[:, k] for k in order}
+    columns |= {f"{own[k]} torque [Nm]": tau[:, k] for k in order}
+    belief = belief_of(tmp_path, columns, robot.mechanism)
+    assert mapped(belief, "position") == {joint: f"{n} angle" for joint, n in zip(robot.joints, own, strict=True)}
+    assert {x.unit for x in belief.of("position").values()} == {"deg"}
+
+
 @pytest.mark.parametrize("joint", ["lift", "elbow"])
 def test_a_joint_and_its_torque_of_opposite_sign_are_turned(tmp_path, joint):
     """Beside rotors another joint's sign explains half of the rest as well; no axes of a wrench are in doubt."""
