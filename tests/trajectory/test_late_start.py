@@ -164,15 +164,18 @@ def test_torques_that_are_late_against_the_angles_are_found(beside_wrench):
     arm = sim.mechanism(scenes.load("arm"), base="base")
     recording = ident.read_log(str(files(scenes) / "arm.csv"), arm)
     measured = {name: x for name, x in recording.measured.items() if beside_wrench or not name.startswith("ground")}
-    torques = [f"{joint}_torque" for joint in arm.joints]
-    streams = {name: Sampled(recording.time + 0.012, recording[name]) for name in torques}
+    then = recording.time + 0.012
+    streams = {name: Sampled(then, recording[name]) for name in (f"{joint}_torque" for joint in arm.joints)}
+    delayed = measured | {name: np.interp(recording.time, then, own.values) for name, own in streams.items()}
     on_time, late = (
-        ident.identify(arm, ident.Recording(recording.time, measured, streams=own)) for own in ({}, streams)
+        ident.identify(arm, ident.Recording(recording.time, own, streams=shifted))
+        for own, shifted in ((measured, {}), (delayed, streams))
     )
     assert "torque_delay" not in [each.name for each in on_time.setup]
     (delay,) = (each for each in late.setup if each.name == "torque_delay")
     assert abs(delay.value - 0.012) < 4 * delay.std and delay.std < 1e-3
-    drives = [name for name in late.names if name.startswith(("Fv", "Fc"))]
+    assert late.verdict().usable
+    drives = [name for name in late.fit.names if name.startswith(("Fv", "Fc"))]
     assert drives
     for name in drives:
         assert abs(late[name].value - on_time[name].value) < 3 * np.hypot(late[name].std_setup, on_time[name].std_setup)
