@@ -28,7 +28,8 @@ def delay_findings(evidence: Evidence) -> Iterator[Finding]:
     check = evidence.checks.delay
     if check is not None and check.suspicious:
         # Checks are of the recording with the set-up of the estimate.
-        included = [each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"]
+        kind = "delay" if check.of == "wrench" else "torque_delay"
+        included = [each.value for each in evidence.setup if each.kind == kind]
         values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
         yield Finding.of("channels_late", delay=check.delay + sum(included), **values)
 

@@ -1,6 +1,7 @@
 """Findings on what was recorded: ranges and steps of sensors, contacts, planes, and channels that are late."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import driven_arm
 import numpy as np
@@ -19,7 +20,8 @@ import sim
 from ident.estimation.preparation import prepared
 from ident.judgement import unmodelled
 from ident.judgement.checks import ContactCheck
-from ident.judgement.model_fit import delay_check
+from ident.judgement.model_fit import DelayCheck, delay_check
+from ident.judgement.recording_findings import delay_findings
 from ident.judgement.unmodelled import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
@@ -185,6 +187,14 @@ def late(kind, delay, rate, sign=1):
     else:
         named |= {"ground_force": channels[:, :3], "ground_torque": channels[:, 3:]}
     return delay_check(prepared(ARM, ident.Recording(t[at], named), filters=False))
+
+
+@pytest.mark.parametrize(("of", "kind"), [("torques", "torque_delay"), ("wrench", "delay")])
+def test_a_delay_beside_that_of_the_estimate_is_added_to_it(of, kind):
+    check = DelayCheck(of, 0.3, 0.01, 0.8, 0.1, suspicious=True)
+    setup = [SimpleNamespace(kind=each, value=value) for each, value in ((kind, 0.04), ("lag", 0.5))]
+    (finding,) = delay_findings(SimpleNamespace(checks=SimpleNamespace(delay=check), setup=setup))
+    assert finding.values["delay"] == pytest.approx(0.34)
 
 
 @pytest.mark.parametrize("kind", ["torque", "wrench"])
