@@ -186,7 +186,7 @@ def _row_of(way: Way, runs: Sequence[Row], first: Sequence[Row], judge: Judge) -
     if failures := [run["failure"] for run in runs if "failure" in run]:
         return row | {"failure": failures[0]}
     seconds = np.array([run["seconds"] for run in runs])
-    spent = {"seconds": seconds, "ratio": seconds / [run["seconds"] for run in first[: len(runs)]]}
+    spent = {"seconds": seconds, "ratio": seconds / [run.get("seconds", np.nan) for run in first[: len(runs)]]}
     spent["megabytes"] = np.array([run["megabytes"] for run in runs])
     return row | {key: float(np.median(each)) for key, each in spent.items()} | judge.errors(runs[0])
 

@@ -5,6 +5,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -106,6 +107,8 @@ def test_ways_that_are_not_installed_or_fail_are_named(tmp_path, monkeypatch, ca
     printed = capsys.readouterr().out
     assert f"{peer.name} is not compared with" in printed and printed.count("No module named absent") == 1
     assert "No module named absent" in failed["failure"]
+    beside_failure = end_to_end._row_of(weighted, [made], [failed], SimpleNamespace(errors=lambda _: {}))
+    assert beside_failure["seconds"] == made["seconds"] and np.isnan(beside_failure["ratio"])
 
 
 @pytest.mark.extras
