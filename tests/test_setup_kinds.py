@@ -49,9 +49,10 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     every = objects(m.equations, ["hand"], held=True, trackers={"tool": Tracker(m.tree.names[-1])})
     commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
-    of_commands = objects(commanded.equations, [], held=False)
+    of_commands, without_hand = objects(commanded.equations, [], held=False), objects(m.equations, [], held=True)
     assert {row.of for row in SETUP.values()} == {*every}
-    assert all(every[key] or of_commands[key] for key in every)
+    assert all(every[key] or of_commands[key] or without_hand[key] for key in every)
+    assert not every["torque_clocks"] and not of_commands["torque_clocks"] and without_hand["torque_clocks"]
     assert not every["commands"] and of_commands["commands"]
     assert not every["scales"] and of_commands["scales"]
     places = {each.name: place_of(each) for each in setup_parameters(m.equations, ["hand"])}

@@ -32,7 +32,7 @@ LOGS = (
 )
 """Help on the formats of a log."""
 
-UNSEEN = ("out", "name", "verbose", "formats", "workers", "rerun")
+UNSEEN = ("out", "name", "verbose", "formats", "workers", "rerun", "max_size")
 """Options without effect on numbers."""
 
 NONE = "none"

@@ -154,7 +154,7 @@ def objects(
     return {
         "clocks": [_parameter(TOGETHER.join(together), wrenches=together)] if together else [],
         "commands": [_parameter("")] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
-        TORQUE_CLOCKS: [_parameter("")] if equations.torques and not commanded and (held or not wrench) else [],
+        TORQUE_CLOCKS: [_parameter("")] if equations.torques and not (commanded or contacts) else [],
         "frames": [_parameter(name, k, wrenches=(name,)) for name in (*ground, *contacts) for k in range(3)]
         + [_parameter(name, k, UNKNOWN, constant=True) for name in unknown for k in range(3)],
         "channels": [_parameter(name, channels=(name,)) for name in channels if name not in (*commanded, *scales)]

@@ -132,8 +132,9 @@ def test_derivatives_are_central_differences(given):
 def test_every_kind_of_set_up_parameter_is_among_those_differentiated():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",), tracked=1)
     commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), **COMMANDED)
-    assert {each.kind for each in (*m.setup, *commanded.setup)} == set(PRIORS)
-    assert {each.kind for each in m.setup} == set(PRIORS) - {"lag", "scale"}
+    alone = random_measurement(np.random.default_rng(0), 3, ("revolute",), contacts=0)
+    assert {each.kind for each in (*m.setup, *commanded.setup, *alone.setup)} == set(PRIORS)
+    assert {each.kind for each in m.setup} == set(PRIORS) - {"lag", "scale", "torque_delay"}
 
 
 def test_displaced_joints_act_on_bodies_that_the_prior_makes_likeliest():

@@ -54,7 +54,7 @@ class Problem:
         yield piece.states - x, piece.time, noise.states, noise.states_rho
         late, rate = theta[at(m, "delay(ground)")], theta[at(m, "clock(ground)")]
         of_wrench = piece.when + rate * (piece.when - piece.origin) - late
-        of_torques = piece.when - (theta[at(m, "torque_delay")] if m.equations.torques else 0)
+        of_torques = piece.when - (theta[at(m, "torque_delay")] if m.torque_shifts else 0)
         for own, when in ((slice(0, piece.late), of_wrench), (slice(piece.late, None), of_torques)):
             predicted = m.values(piece.spline.evaluate(c, when)[:3], piece.wrenches, theta).T
             yield (piece.measured - predicted)[:, own], when, noise.channels[own], noise.channels_rho[own]

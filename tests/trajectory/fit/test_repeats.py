@@ -211,6 +211,7 @@ def std_of(fit):
 @pytest.mark.parametrize(("size", "given", "least", "most"), [(0.0, PRIOR, 0.6, 0.8), (0.02, {}, 0.9, 1.5)])
 def test_more_periods_tell_more_unless_what_is_not_explained_repeats(size, given, least, most):
     few, many = estimated(2.5, size), estimated(5, size, **given)
+    # Twice the periods would make them .71 as large; widths of friction near rest differ between the two.
     assert least < np.median(std_of(many.trajectory.fit) / std_of(few.trajectory.fit)) < most
 
 
