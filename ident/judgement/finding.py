@@ -280,4 +280,9 @@ def sentence(each: SetupParameter, value: float, std: float, noise: float = inf)
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
-FINDINGS.update({f"setup_{kind}": Row(partial(setup_sentence, kind), "remark") for kind in SETUP})
+FINDINGS.update(
+    {
+        f"setup_{kind}": Row(partial(setup_sentence, kind), "remark", f"set-up error: {kind.replace('_', ' ')}")
+        for kind in SETUP
+    }
+)

@@ -227,7 +227,7 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     assert [(body, len(rows)) for body, _, rows in groups] == [("base", 1), ("shank", 2)]
     assert document.title == "arm.xml, identified from each of 21 logs"
     table = document.tables["table_logs"]
-    assert "Weight differs; Set-up axis" in " ".join(table.markdown().split())
+    assert "Weight differs; Set-up error: axis" in " ".join(table.markdown().split())
     assert ["m2rz2 of shank by +" in row for row in table.csv().splitlines()[2:]] == agreed.differ.tolist()
     numbers = document.numbers["batch"]["agreement"]["logs"]
     assert [name for name, each in numbers.items() if each["differs"]] == [f"run{k}.csv" for k in moved]
