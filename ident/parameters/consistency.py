@@ -179,7 +179,7 @@ def consistent_parameters(
     Closeness is the log-determinant divergence of the pseudo-inertias J from those of the prior P, which depends
     neither on units nor on the choice of body frames, and grows without bound towards bodies that are not physical
     (Lee, Wensing and Park, T-RO 2020, doi:10.1109/TRO.2019.2926491). Minimising it together with the squared
-    Mahalanobis distance of ψ is a convex problem that Newton's method solves exactly: no physical bodies that are as
+    Mahalanobis distance of ψ is a convex problem, solved exactly: no physical bodies that are as
     near to ψ are closer to the prior, even if ψ itself is not attainable.
 
     The weight of the prior is estimated from ψ. The likelihood of a prior's width has a 95 % interval. If that contains

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.parameters.nearest_bodies import UNITS
+from ident.parameters.nearest_bodies import NEARLY, UNITS
 from ident.tolerances import AT_ONCE, ROUNDING
 
 STEPS = 60
@@ -26,9 +26,6 @@ EXACT, FLOOR = 1e-4, 0.01
 
 UNBOUNDED = 30.0
 """Value, over the start's size, above which nothing bounds it, as no body is wrong by a factor of thirty."""
-
-NEARLY = 0.95
-"""Length of a step over the one to the edge of the cones."""
 
 
 class _Point(NamedTuple):

@@ -1,4 +1,4 @@
-"""Physical bodies nearest to a prior that fit, by Newton's method."""
+"""Physical bodies nearest to a prior that fit, by a primal-dual interior-point method."""
 
 from functools import cached_property
 
