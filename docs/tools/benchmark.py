@@ -54,7 +54,7 @@ TASKS = {
 """Tasks compared on every mechanism. Before them, models are built, equations recorded, and states laid out."""
 
 RECORD = Path(__file__).parents[1] / "benchmark.json"
-"""What docs/speed.md shows."""
+"""Record that docs/speed.md shows."""
 
 CHAIN = "arm"
 """Name of the arms of increasing length."""

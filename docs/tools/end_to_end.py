@@ -64,7 +64,7 @@ class Way:
         name: Name in the table.
         arguments: Module and arguments, before those that name files.
         packages: Distributions that it needs, whose versions are stated.
-        writes: What it gives.
+        writes: Words for its answer.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Way:
     writes: str = "ψ and drives ±, URDF, page"
 
     def run(self, folder: Path) -> Row:
-        """What it writes, with its CPU time, s, and peak memory, MB; or the last line of its failure."""
+        """Its written answer with CPU time, s, and peak memory, MB; or the last line of its failure."""
         files = [str(folder / name) for name in (MODEL, LOG)]
         command = [*MEASURED, *self.arguments, *files, "--out", str(folder)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -100,7 +100,7 @@ WAYS = (
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """What is given to all, and by what they are judged.
+    """Input of all ways, and the truth by which their answers are judged.
 
     Attributes:
         given: Model and equations of the torques.

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 from ident.geometry.inertia import PINOCCHIO
 
 WRITTEN = "made/estimate.json"
-"""Where parameters go within the folder."""
+"""Path of the file of parameters within the folder."""
 
 CUTOFF = 10.0
 """Cut-off of Pinocchio's low-pass, Hz, the best of 3, 5, 10 and 20."""

@@ -134,7 +134,7 @@ def objects(
     Returns:
         Parameters without a kind, with a standard deviation if it is not the kind's, by `SetupKind.of`: `clocks` of the
         wrenches, one for all that share it; `commands` of servos, if there are no other channels; `torque_clocks`, one
-        for all joint torques, if no joint is commanded, and beside contacts only with a ground wrench; `frames` of the
+        for all joint torques, if no joint is commanded and no contact is measured; `frames` of the
         wrenches, and unknown ones of trackers and markers; `channels`, and those of the contacts; `scales` of torques
         that are stated not to be exact, whose channels have no gain besides; `gravity`, about the axes across it;
         `angles` of the hinges, and their `axes`, about those across; `centres` of the joints; `tracker_clocks`, one for

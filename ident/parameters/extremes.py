@@ -123,7 +123,7 @@ class _Search:
 
     Attributes:
         f: Objectives, with h as the last entry (N, n).
-        e: What is one (N, n).
+        e: Rows of the normalisation `e·v = 1` (N, n).
         rows: Rows of the second-order cone, `ρ h` and `A v - y h` (N, r + 1, n).
         v: Primal points (N, n).
         G: Axes of bodies, `K = G s Gᵀ` and `Z = G⁻ᵀ s G⁻¹` (N, b, 4, 4).

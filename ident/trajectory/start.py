@@ -70,6 +70,8 @@ def _none(_: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 NONE_OF = "zeros", "shifts", "torque_shifts", "pose_shifts", "tracked"
+"""Parts of a measurement of which coordinates alone have none."""
+
 COORDINATES = cast(Measurement, SimpleNamespace(names=(), dependence=_none, **{name: {} for name in NONE_OF}))
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
